@@ -1,0 +1,158 @@
+"""Rendered images: reading and writing, with the provenance that their headers carry."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+from PIL import Image as PillowImage
+from PIL import UnidentifiedImageError
+
+CHANNELS = ("R", "G", "B")
+EIGHT_BIT = (".png", ".jpg", ".jpeg")
+
+
+class ImageError(ValueError):
+    """An image that cannot be used; the text names the file and the reason."""
+
+
+@dataclass(frozen=True)
+class Image:
+    """One linear image."""
+
+    radiance: np.ndarray
+    """(H, W, 3) float64 [W m^-2 sr^-1], row 0 on top"""
+    variance: np.ndarray | None = None
+    """(H, W, 3) float64: variance of each pixel's mean; None where it is not known"""
+    attributes: dict[str, str | int | float] = field(default_factory=dict)
+    """header attributes: sceneHash, lightSamples, seed, ..."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width)"""
+        return self.radiance.shape[0], self.radiance.shape[1]
+
+
+def read_image(file: str | Path) -> Image:
+    """Read .exr, .pfm (float, little or big endian), or an 8-bit .png or .jpg.
+
+    An 8-bit image is taken as the lab saves it, clamped to [0, 1], times 255 and truncated:
+    v stands for (v + 1/2) / 255, so it is known to +-1/510 and not at all above 1.
+    Raises ImageError for a file that is missing, cut short, of another kind, without R, G, B,
+    or with NaN, infinite or (variance) negative values.
+    """
+    path = Path(file)
+    if not path.is_file():
+        raise ImageError(f"{path}: no such file")
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".exr":
+            image = _read_exr(path)
+        elif suffix == ".pfm":
+            image = Image(_read_pfm(path))
+        elif suffix in EIGHT_BIT:
+            with PillowImage.open(path) as picture:
+                values = np.asarray(picture.convert("RGB"), dtype=np.float64)
+            image = Image((values + 0.5) / 255)
+        else:
+            raise ImageError(f"{path}: not an .exr, .pfm, .png or .jpg file")
+    except ImageError:
+        raise
+    except (OSError, RuntimeError, ValueError, TypeError, UnidentifiedImageError) as error:
+        raise ImageError(f"{path}: cannot be read: {error}") from error
+    _check(path, image)
+    return image
+
+
+def write_exr(file: str | Path, image: Image) -> None:
+    """Write radiance, variance (if any) and attributes as 32-bit float scanlines, ZIP.
+
+    The file appears under its name only when it is whole. Raises ImageError if it cannot
+    be written.
+    """
+    path = Path(file)
+    channels = {c: _plane(image.radiance, i) for i, c in enumerate(CHANNELS)}
+    if image.variance is not None:
+        channels |= {f"variance.{c}": _plane(image.variance, i) for i, c in enumerate(CHANNELS)}
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        **image.attributes,
+    }
+    part = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        OpenEXR.File(header, channels).write(str(part))
+        os.replace(part, path)
+    except (OSError, RuntimeError) as error:
+        part.unlink(missing_ok=True)
+        raise ImageError(f"{path}: cannot be written: {error}") from error
+
+
+def write_display(file: str | Path, radiance: np.ndarray) -> None:
+    """Save as the lab does: clamp to [0, 1], times 255, truncated, no gamma.
+
+    radiance: (H, W, 3). The suffix chooses PNG or JPG (quality 100).
+    """
+    path = Path(file)
+    if path.suffix.lower() not in EIGHT_BIT:
+        raise ImageError(f"{path}: a picture's name ends in .png or .jpg")
+    part = path.with_name(path.name + ".part" + path.suffix)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        values = (np.clip(radiance, 0, 1) * 255).astype(np.uint8)
+        PillowImage.fromarray(values).save(part, quality=100)
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ImageError(f"{path}: cannot be written: {error}") from error
+
+
+def _plane(values: np.ndarray, channel: int) -> np.ndarray:
+    return np.ascontiguousarray(values[..., channel], dtype=np.float32)
+
+
+def _read_exr(path: Path) -> Image:
+    with OpenEXR.File(str(path), separate_channels=True) as exr:
+        header = exr.header()
+        channels = {name: channel.pixels for name, channel in exr.channels().items()}
+
+    def stack(prefix: str) -> np.ndarray:
+        return np.stack([channels[prefix + c] for c in CHANNELS], axis=-1).astype(np.float64)
+
+    missing = [c for c in CHANNELS if c not in channels]
+    if missing:
+        raise ImageError(f"{path}: has no channel {', '.join(missing)}")
+    variance = stack("variance.") if "variance.R" in channels else None
+    attributes = {k: v for k, v in header.items() if isinstance(v, str | int | float)}
+    return Image(stack(""), variance, attributes)
+
+
+def _read_pfm(path: Path) -> np.ndarray:
+    with path.open("rb") as stream:
+        kind = stream.readline(16).strip()
+        size = stream.readline(64).split()
+        scale = float(stream.readline(64))
+        data = stream.read()
+    if kind != b"PF" or len(size) != 2 or scale == 0:
+        raise ImageError(f"{path}: not a colour PFM file")
+    width, height = int(size[0]), int(size[1])
+    if width < 1 or height < 1 or len(data) != 12 * width * height:
+        raise ImageError(f"{path}: {len(data)} bytes of pixels, not {width} x {height} x 12")
+    values = np.frombuffer(data, dtype="<f4" if scale < 0 else ">f4")
+    return values.reshape(height, width, 3)[::-1].astype(np.float64)
+
+
+def _check(path: Path, image: Image) -> None:
+    bad = ~np.isfinite(image.radiance).all(axis=-1)
+    if bad.any():
+        y, x = np.argwhere(bad)[0]
+        raise ImageError(f"{path}: {bad.sum()} pixels are NaN or infinite, the first at ({x}, {y})")
+    if image.variance is not None and not (
+        np.isfinite(image.variance).all() and (image.variance >= 0).all()
+    ):
+        raise ImageError(f"{path}: a variance is NaN, infinite or negative")
