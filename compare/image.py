@@ -118,7 +118,7 @@ def _plane(values: np.ndarray, channel: int) -> np.ndarray:
 
 def _read_exr(path: Path) -> Image:
     with OpenEXR.File(str(path), separate_channels=True) as exr:
-        header = exr.header()
+        header = dict(exr.header())  # the file empties its own on closing
         channels = {name: channel.pixels for name, channel in exr.channels().items()}
 
     def stack(prefix: str) -> np.ndarray:
