@@ -1,0 +1,1 @@
+"""One offline HTML page made of the pipeline's files. It computes no statistics."""
