@@ -56,10 +56,12 @@ def _render(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
 
 INPUTS: tuple[Input, ...] = (
     _render("tp3_point", 1),
-    _render("tp3", 1),
-    *(_render("tp3", n) for n in LIGHT_SAMPLES),
-    _render("tp3", MOST_LIGHT_SAMPLES),
+    _render("tp3", LIGHT_SAMPLES[0]),
     _render("tp3", LIGHT_SAMPLES[0], PIXEL_SAMPLES),
+    _render("tp3", LIGHT_SAMPLES[0] * PIXEL_SAMPLES),
+    _render("tp3", MOST_LIGHT_SAMPLES),
+    _render("tp3_statement", 1),
+    *(_render("tp3_statement", n) for n in LIGHT_SAMPLES),
     _render("tp3_statement", MOST_LIGHT_SAMPLES),
     *(
         Input(f"reference/{scene}.exr", f"make build/reference/{scene}.exr")
