@@ -1,0 +1,188 @@
+/* The command line: the only file that prints or exits. */
+#define _POSIX_C_SOURCE 200809L
+
+#include <errno.h>
+#include <getopt.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <omp.h>
+
+#include "exr.h"
+#include "render.h"
+#include "scene_json.h"
+
+enum { EXIT_BAD_INPUT = 2 };
+
+static const char HELP[] =
+    "usage: penumbra-render SCENE.json -o OUT.exr [options]\n"
+    "\n"
+    "Renders direct lighting with soft shadows, as the lab does: for every pixel and every\n"
+    "surface light, the mean of N shadow rays to random points of the light.\n"
+    "\n"
+    "  -o, --output OUT.exr   the image: float R, G, B and the variance of each pixel's mean\n"
+    "  --light-samples N      shadow rays for each surface light (the lab's nbLightSamples),\n"
+    "                         1 to 1048576 [64]\n"
+    "  --pixel-samples M      anti-aliasing: 1 looks through the pixel's centre, more through M\n"
+    "                         random places in it; 1 to 65536 [1]\n"
+    "  --seed S               0 to 18446744073709551615; another seed, independent noise [0]\n"
+    "  --threads T            1 to 1024; changes the time, not one bit of the image [all]\n"
+    "  --width W, --height H  image size, 1 to 16384 [the scene's]\n"
+    "  --print-scene          print the scene in SI units as JSON and stop\n"
+    "  --version, --help\n"
+    "\n"
+    "Exit status: 0 done, 2 usage, bad input or unwritable output.\n"
+    "Example: penumbra-render scenes/tp3.json -o tp3.exr --light-samples 256\n";
+
+typedef struct {
+    const char *scene_file, *output;
+    RenderSettings settings; /* width and height 0: the scene's */
+    bool print_scene;
+} Options;
+
+static void fail(const char *format, const char *first, const char *second)
+{
+    fputs("penumbra-render: ", stderr);
+    fprintf(stderr, format, first, second);
+    fputs("\n", stderr);
+    exit(EXIT_BAD_INPUT);
+}
+
+static uint64_t parse_number(const char *option, const char *text, uint64_t low, uint64_t high)
+{
+    char *end;
+    errno = 0;
+    unsigned long long value = strtoull(text, &end, 10);
+    bool digits = *text >= '0' && *text <= '9' && *end == '\0';
+    if (!digits || errno || value < low || value > high) {
+        char range[64];
+        snprintf(range, sizeof range, "%" PRIu64 " to %" PRIu64, low, high);
+        fprintf(stderr, "penumbra-render: --%s: \"%s\" is not a whole number from %s\n", option,
+                text, range);
+        exit(EXIT_BAD_INPUT);
+    }
+    return value;
+}
+
+static Options parse_options(int argc, char **argv)
+{
+    enum { LIGHT = 1, PIXEL, SEED, THREADS, WIDTH, HEIGHT, PRINT, VERSION, HELP_OPTION };
+    static const struct option LONG[] = {{"output", required_argument, NULL, 'o'},
+                                         {"light-samples", required_argument, NULL, LIGHT},
+                                         {"pixel-samples", required_argument, NULL, PIXEL},
+                                         {"seed", required_argument, NULL, SEED},
+                                         {"threads", required_argument, NULL, THREADS},
+                                         {"width", required_argument, NULL, WIDTH},
+                                         {"height", required_argument, NULL, HEIGHT},
+                                         {"print-scene", no_argument, NULL, PRINT},
+                                         {"version", no_argument, NULL, VERSION},
+                                         {"help", no_argument, NULL, HELP_OPTION},
+                                         {NULL, 0, NULL, 0}};
+    Options options = {.settings = {.nb_light_samples = 64,
+                                    .samples_per_pixel = 1,
+                                    .threads = omp_get_max_threads()}};
+    RenderSettings *settings = &options.settings;
+    int option;
+    while ((option = getopt_long(argc, argv, "o:", LONG, NULL)) != -1) {
+        switch (option) {
+        case 'o':
+            options.output = optarg;
+            break;
+        case LIGHT:
+            settings->nb_light_samples = (int)parse_number("light-samples", optarg, 1, 1 << 20);
+            break;
+        case PIXEL:
+            settings->samples_per_pixel = (int)parse_number("pixel-samples", optarg, 1, 1 << 16);
+            break;
+        case SEED:
+            settings->seed = parse_number("seed", optarg, 0, UINT64_MAX);
+            break;
+        case THREADS:
+            settings->threads = (int)parse_number("threads", optarg, 1, 1024);
+            break;
+        case WIDTH:
+            settings->width = (int)parse_number("width", optarg, 1, 16384);
+            break;
+        case HEIGHT:
+            settings->height = (int)parse_number("height", optarg, 1, 16384);
+            break;
+        case PRINT:
+            options.print_scene = true;
+            break;
+        case VERSION:
+            puts("penumbra-render " PENUMBRA_VERSION);
+            exit(0);
+        case HELP_OPTION:
+            fputs(HELP, stdout);
+            exit(0);
+        default: /* getopt has said what is wrong */
+            fputs("Try: penumbra-render --help\n", stderr);
+            exit(EXIT_BAD_INPUT);
+        }
+    }
+    if (optind != argc - 1)
+        fail("%s%s; try --help", optind < argc ? "more than one scene file: " : "no scene file",
+             optind < argc ? argv[optind + 1] : "");
+    options.scene_file = argv[optind];
+    if (!options.output && !options.print_scene)
+        fail("%s%s", "no output file: add -o OUT.exr", "");
+    return options;
+}
+
+/* A bar on a terminal, once the work has lasted a second. */
+static void show_progress(int rows_done, int rows, void *start)
+{
+    if (omp_get_wtime() - *(const double *)start < 1)
+        return;
+    fprintf(stderr, "\rrendering %3d%%", (int)(100LL * rows_done / rows));
+}
+
+int main(int argc, char **argv)
+{
+    Options options = parse_options(argc, argv);
+    RenderSettings *settings = &options.settings;
+
+    Scene scene;
+    char message[1024], *dump = NULL;
+    if (!scene_read(options.scene_file, &scene, options.print_scene ? &dump : NULL, message,
+                    sizeof message))
+        fail("%s%s", message, "");
+    if (options.print_scene) {
+        bool printed = fputs(dump, stdout) >= 0 && fflush(stdout) == 0;
+        free(dump);
+        scene_free(&scene);
+        if (!printed)
+            fail("%s%s", "standard output: ", strerror(errno));
+        return 0;
+    }
+    if (!settings->width)
+        settings->width = scene.width;
+    if (!settings->height)
+        settings->height = scene.height;
+
+    size_t floats = 3 * (size_t)settings->width * (size_t)settings->height;
+    float *radiance = malloc(floats * sizeof *radiance);
+    float *variance = malloc(floats * sizeof *variance);
+    if (!radiance || !variance)
+        fail("%s%s", "not enough memory for an image of this size", "");
+
+    bool terminal = isatty(STDERR_FILENO);
+    double start = omp_get_wtime();
+    render(&scene, settings, radiance, variance, terminal ? show_progress : NULL, &start);
+    double seconds = omp_get_wtime() - start;
+    if (terminal && seconds > 1)
+        fprintf(stderr, "\rrendered in %.1f s\n", seconds);
+
+    bool knows_variance = render_knows_variance(&scene, settings);
+    bool written = exr_write(options.output, &scene, settings, seconds, radiance,
+                             knows_variance ? variance : NULL, message, sizeof message);
+    free(radiance);
+    free(variance);
+    scene_free(&scene);
+    if (!written)
+        fail("%s%s", message, "");
+    return 0;
+}

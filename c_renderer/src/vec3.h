@@ -1,0 +1,64 @@
+/* Points, directions and linear RGB colours, by value. */
+#ifndef PENUMBRA_VEC3_H
+#define PENUMBRA_VEC3_H
+
+#include <tgmath.h>
+
+/* The renderer's precision. <tgmath.h> picks sqrtf or sqrt to match. */
+typedef float real;
+
+typedef struct {
+    real x, y, z;
+} Vec3;
+
+typedef struct {
+    real r, g, b;
+} Rgb;
+
+static inline Vec3 vec3_add(Vec3 a, Vec3 b)
+{
+    return (Vec3){a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
+static inline Vec3 vec3_sub(Vec3 a, Vec3 b)
+{
+    return (Vec3){a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
+static inline Vec3 vec3_scale(Vec3 a, real k)
+{
+    return (Vec3){a.x * k, a.y * k, a.z * k};
+}
+
+/* origin + t * direction */
+static inline Vec3 vec3_along(Vec3 origin, Vec3 direction, real t)
+{
+    return vec3_add(origin, vec3_scale(direction, t));
+}
+
+static inline real vec3_dot(Vec3 a, Vec3 b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static inline Vec3 vec3_normalize(Vec3 a)
+{
+    return vec3_scale(a, 1 / sqrt(vec3_dot(a, a)));
+}
+
+static inline Rgb rgb_add(Rgb a, Rgb b)
+{
+    return (Rgb){a.r + b.r, a.g + b.g, a.b + b.b};
+}
+
+static inline Rgb rgb_mul(Rgb a, Rgb b)
+{
+    return (Rgb){a.r * b.r, a.g * b.g, a.b * b.b};
+}
+
+static inline Rgb rgb_scale(Rgb a, real k)
+{
+    return (Rgb){a.r * k, a.g * k, a.b * k};
+}
+
+#endif
