@@ -51,7 +51,7 @@ endef
 
 comma := ,
 CC := $(if $(filter default,$(origin CC)),gcc,$(CC))
-$(eval $(call c_build,build,$(CC),-O3 -march=native))
+$(eval $(call c_build,build,$(CC),-O3 -march=native -flto=auto))
 $(eval $(call c_build,build/asan,gcc,-O1 -g -fno-omit-frame-pointer -fsanitize=address$(comma)undefined -fno-sanitize-recover=all))
 $(eval $(call c_build,build/tsan,clang,-O1 -g -fsanitize=thread))
 # No -march=native: valgrind does not know AVX-512.
