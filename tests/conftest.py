@@ -1,0 +1,70 @@
+"""What every test shares: the built programs, and scenes made to measure."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from compare.image import Image, read_image
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def built(product: str) -> Path:
+    path = ROOT / "build" / product
+    if not path.exists():
+        pytest.fail(f"build/{product} is missing: run `make build` (`make test` does)")
+    return path
+
+
+@pytest.fixture(scope="session")
+def renderer() -> Path:
+    """The C program."""
+    return built("bin/penumbra-render")
+
+
+@pytest.fixture(scope="session")
+def scenes() -> Path:
+    return ROOT / "scenes"
+
+
+@pytest.fixture
+def render(renderer: Path, tmp_path: Path) -> Callable[..., Image]:
+    """render(scene_file, light_samples=16, ...) runs the C program and reads its image."""
+
+    def run(scene: Path, **options: int) -> Image:
+        out = tmp_path / "render.exr"
+        command = [str(renderer), str(scene), "-o", str(out)]
+        for name, value in options.items():
+            command += [f"--{name.replace('_', '-')}", str(value)]
+        subprocess.run(command, check=True, timeout=300)
+        return read_image(out)
+
+    return run
+
+
+@pytest.fixture
+def make_scene(tmp_path: Path) -> Callable[..., Path]:
+    """make_scene(key=value, ...) writes the lab's scene with those top-level keys replaced."""
+
+    def make(base: str = "tp3", file_name: str = "scene.json", **changes: Any) -> Path:
+        data = json.loads((ROOT / "scenes" / f"{base}.json").read_text())
+        data.update(changes)
+        file = tmp_path / file_name
+        file.write_text(json.dumps({k: v for k, v in data.items() if v is not None}, indent=1))
+        return file
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def plain_environment() -> dict[str, str]:
+    """The environment without what would change messages or threads."""
+    drop = ("OMP_NUM_THREADS", "NO_COLOR", "PYTEST_CURRENT_TEST")
+    return {k: v for k, v in os.environ.items() if k not in drop}
