@@ -1,0 +1,231 @@
+#!/usr/bin/env bash
+# Installs what Penumbra needs and this machine lacks: system packages by apt, Python ones in .venv.
+#
+# usage: ./setup.sh [run | test]
+#   run    what the renderer, the comparison and the report need (default)
+#   test   also what the tests drive: a browser, clang with its OpenMP checker, valgrind
+# environment:
+#   PENUMBRA_PYTHON   the interpreter that .venv is made with
+# exit: 0 all is there, 2 usage, 3 something is missing and could not be installed
+#
+# Make calls it; there is no need to. A second run takes under a second and no network.
+
+set -euo pipefail
+cd "$(dirname "$0")"
+
+level=${1:-run}
+log=build/setup.log
+missing=()
+
+say() { echo "setup: $*" >&2; }
+
+stop() {
+    say "$@"
+    exit 3
+}
+
+# logged COMMAND...: output to the log; on failure its last lines are shown.
+logged() {
+    echo "+ $*" >>"$log"
+    if ! "$@" >>"$log" 2>&1 </dev/null; then
+        tail -n 12 "$log" | sed 's/^/    /' >&2
+        return 1
+    fi
+}
+
+# need PACKAGE WHY PROBE...: PACKAGE is missing unless the command PROBE works.
+need() {
+    local package=$1 why=$2
+    shift 2
+    if ! "$@" >/dev/null 2>&1 </dev/null; then
+        missing+=("$package")
+        say "missing: $package ($why)"
+    fi
+}
+
+# ---------------------------------------------------------------- probes, by use
+
+# links HEADER [PKG_CONFIG_NAME]: a program that includes HEADER compiles and links.
+links() {
+    local flags=()
+    [ $# -eq 1 ] || read -ra flags <<<"$(pkg-config --cflags --libs "$2")"
+    echo "#include <$1>
+int main(void) { return 0; }" >"$probes/probe.c"
+    gcc "$probes/probe.c" -o "$probes/probe" "${flags[@]}"
+}
+
+loads() { "${python:-python3}" -c 'import ctypes, sys; ctypes.CDLL(sys.argv[1])' "$1"; }
+
+trusts_certificates() {
+    "${python:-python3}" -c '
+import os, ssl, sys
+paths = ssl.get_default_verify_paths()
+sys.exit(not (paths.cafile or (paths.capath and os.listdir(paths.capath))))'
+}
+
+makes_venvs() { "$1" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))'; }
+
+# Python 3.11 and 3.13 come first because they have Cycles.
+find_python() {
+    local candidate
+    for candidate in ${PENUMBRA_PYTHON:-python3.11 python3.13 python3}; do
+        if makes_venvs "$candidate" >/dev/null 2>&1; then
+            python=$candidate
+            return
+        fi
+    done
+    return 1
+}
+
+# clang's thread checker only understands OpenMP through libomp's own tool, Archer.
+checks_threads() {
+    echo 'int main(void) {
+    int n = 0;
+#pragma omp parallel for reduction(+ : n)
+    for (int i = 0; i < 9; i++) n += i;
+    return n != 36;
+}' >"$probes/threads.c"
+    clang -fopenmp -fsanitize=thread "$probes/threads.c" -o "$probes/threads"
+    "$probes/threads"
+}
+
+finds_archer() { [ -e "$(clang --print-resource-dir)/../../libarcher.so" ]; }
+
+has_browser() { command -v chromium || command -v chromium-browser || command -v google-chrome; }
+
+probe_system() {
+    missing=()
+    need make "runs the experiment" make --version
+    need gcc "compiles the renderer" gcc --version
+    need libc6-dev "the C library's headers" links stdio.h
+    need pkg-config "finds libraries" pkg-config --version
+    need libjansson-dev "the renderer reads scenes with it" links jansson.h jansson
+    need libopenexr-dev "the renderer writes images with it" links openexr.h OpenEXR
+    find_python || true
+    if [ -z "${python:-}" ]; then
+        need python3 "comparison and report" python3 --version
+        need python3-venv "the Python packages' own folder, .venv" makes_venvs python3
+    fi
+    need ca-certificates "secure downloads" trusts_certificates
+    if [ "$(uname -m)" = x86_64 ]; then # the only Linux that Cycles has wheels for
+        need libx11-6 "Cycles" loads libX11.so.6
+        need libxrender1 "Cycles" loads libXrender.so.1
+        need libxfixes3 "Cycles" loads libXfixes.so.3
+        need libxi6 "Cycles" loads libXi.so.6
+        need libxkbcommon0 "Cycles" loads libxkbcommon.so.0
+        need libsm6 "Cycles" loads libSM.so.6
+        need libgl1 "Cycles" loads libGL.so.1
+    fi
+    if [ "$level" = test ]; then
+        need chromium "tests the report's page" has_browser
+        need clang "second compiler" clang --version
+        need libomp-dev "clang's OpenMP and its thread checker" checks_threads
+        need valgrind "checks memory" valgrind --quiet true
+    fi
+}
+
+# ---------------------------------------------------------------- system packages
+
+install_missing() {
+    command -v apt-get >/dev/null ||
+        stop "this system has no apt-get; install what Debian calls: ${missing[*]}"
+    local install=(apt-get install --yes --no-install-recommends "${missing[@]}")
+    local as_root=()
+    if [ "$(id -u)" != 0 ]; then
+        if command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
+            as_root=(sudo -n)
+        elif command -v sudo >/dev/null && [ -t 0 ] && sudo -v; then # asks for the password
+            as_root=(sudo -n)
+        else
+            say "not root, and sudo does not let me in; please run, then try again:"
+            echo "    sudo apt-get update && sudo ${install[*]}" >&2
+            exit 3
+        fi
+    fi
+    local apt=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get
+        --option DPkg::Lock::Timeout=120 --quiet)
+    say "installing ${#missing[@]} system packages with apt (log: $log)"
+    # Old or absent package lists make the first attempt fail: fetch them only then.
+    if ! logged "${apt[@]}" "${install[@]:1}" 2>/dev/null; then
+        logged "${apt[@]}" update || true
+        logged "${apt[@]}" "${install[@]:1}" ||
+            stop "apt could not install: ${missing[*]} (see $log; is there a network?)"
+    fi
+}
+
+setup_system() {
+    probe_system
+    [ ${#missing[@]} -gt 0 ] || return 0
+    install_missing
+    say "checking again"
+    probe_system
+    [ ${#missing[@]} -eq 0 ] || stop "installed, yet still not usable: ${missing[*]} (see $log)"
+}
+
+# ---------------------------------------------------------------- Python packages
+
+# What .venv was made of. It is written into .venv when that is complete, so an interrupted one is
+# never taken for done; the folder is part of it because a venv cannot be moved.
+venv_key() {
+    pwd
+    cat requirements.txt
+}
+
+python_version() { "$1" -c 'import platform; print(platform.python_version())'; }
+
+venv_is_complete() {
+    cmp -s <(venv_key) .venv/penumbra-key && .venv/bin/python -c '' 2>/dev/null &&
+        { [ -z "${PENUMBRA_PYTHON:-}" ] ||
+            [ "$(python_version .venv/bin/python)" = "$(python_version "$PENUMBRA_PYTHON")" ]; }
+}
+
+setup_venv() {
+    if ! venv_is_complete; then
+        local version
+        version=$(python_version "$python")
+        say "installing Python packages for Python $version in .venv," \
+            "a download of up to 600 MB (log: $log)"
+        rm -f .venv/penumbra-key
+        logged "$python" -m venv --clear .venv || stop "cannot make .venv (see $log)"
+        logged .venv/bin/python -m pip install --disable-pip-version-check --progress-bar off \
+            --require-hashes --requirement requirements.txt ||
+            stop "pip could not install requirements.txt (see $log; is there a network?)"
+        .venv/bin/python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("bpy"))' ||
+            say "no Cycles for Python $version on $(uname -sm) (Python 3.11 and 3.13 on x86-64 have" \
+                "it): the reference images that Penumbra brings along are used instead"
+    fi
+    # The package itself: editable, so only its metadata and the `penumbra` command are installed.
+    if ! cmp -s pyproject.toml .venv/penumbra-pyproject; then
+        logged .venv/bin/python -m pip install --disable-pip-version-check --no-index --no-deps \
+            --no-build-isolation --editable . || stop "cannot install penumbra in .venv (see $log)"
+        cp pyproject.toml .venv/penumbra-pyproject
+    fi
+    venv_key >.venv/penumbra-key
+}
+
+# ---------------------------------------------------------------- main
+
+case $level in
+run | test) ;;
+-h | --help)
+    sed -n '2,/^$/s/^# \{0,1\}//p' "$0"
+    exit 0
+    ;;
+*)
+    say "unknown level '$level'; usage: ./setup.sh [run | test]"
+    exit 2
+    ;;
+esac
+
+mkdir -p build
+# Two set-ups at once would undo each other's .venv.
+if command -v flock >/dev/null; then
+    exec 9>build/setup.lock
+    flock --nonblock 9 || { say "waiting for another set-up to end" && flock 9; }
+fi
+: >"$log"
+probes=$(mktemp -d)
+trap 'rm -rf "$probes"' EXIT
+
+setup_system
+setup_venv
