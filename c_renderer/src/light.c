@@ -50,9 +50,9 @@ LightSample light_sample(const Light *light, Vec3 point, Uniform2 random)
 {
     switch (light->type) {
     case LIGHT_POINT:
-        return point_light_sample(&light->as.point, point);
+        return point_light_sample(&light->shape.point, point);
     case LIGHT_QUAD:
-        return quad_light_sample(&light->as.quad, point, random);
+        return quad_light_sample(&light->shape.quad, point, random);
     }
     return (LightSample){0};
 }

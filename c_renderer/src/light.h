@@ -29,7 +29,7 @@ typedef struct {
     union {
         PointLight point;
         QuadLight quad;
-    } as;
+    } shape;
 } Light;
 
 /* The lab's LightSample. Its pdf is the density of the direction, per solid angle; a point

@@ -1,0 +1,53 @@
+"""The C core's functions, called one by one through build/lib/libpenumbra.so (cffi, ABI mode)."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import cffi
+
+from tests.conftest import built
+
+DECLARATIONS = """
+typedef float real;
+typedef struct { real x, y, z; } Vec3;
+typedef struct { real r, g, b; } Rgb;
+
+typedef struct { real x, y; } Uniform2;
+typedef struct { uint64_t seed; uint32_t pixel; uint32_t pixel_sample; } RngStream;
+typedef struct { uint32_t word[4]; } RngBlock;
+RngBlock rng_philox4x32(RngBlock counter, uint64_t seed);
+Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension);
+
+typedef enum { LIGHT_POINT, LIGHT_QUAD } LightType;
+typedef struct { Vec3 position; Rgb radiant_intensity; } PointLight;
+typedef struct {
+    Vec3 corner; Vec3 edge_u, edge_v; Vec3 normal; real area; Rgb radiance;
+} QuadLight;
+typedef struct { LightType type; union { PointLight point; QuadLight quad; } shape; } Light;
+typedef struct {
+    Vec3 direction; real distance; Rgb radiance; real pdf_solid_angle;
+} LightSample;
+LightSample light_sample(const Light *light, Vec3 point, Uniform2 random);
+
+typedef struct { Vec3 origin; Vec3 direction; } Ray;
+typedef struct { Vec3 center; real radius; Rgb brdf; } Sphere;
+typedef struct { Vec3 point; Vec3 normal; Rgb brdf; } Plane;
+real sphere_hit(const Sphere *sphere, Ray ray);
+real plane_hit(const Plane *plane, Ray ray);
+real sphere_hit_from_its_surface(const Sphere *sphere, Ray ray);
+
+typedef struct { Rgb radiance; Rgb variance; } Estimate;
+typedef struct { double sum[3], sum_of_squares[3]; int count; } Moments;
+void moments_add(Moments *moments, Rgb value);
+Estimate moments_estimate(const Moments *moments);
+"""
+
+ffi = cffi.FFI()
+ffi.cdef(DECLARATIONS)
+
+
+@cache
+def library() -> Any:
+    return ffi.dlopen(str(built("lib/libpenumbra.so")))
