@@ -3,21 +3,40 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
+.SECONDEXPANSION:
 .SUFFIXES:
+# One step at a time, even under -j: each uses every core, and some measure time.
+.NOTPARALLEL:
 MAKEFLAGS += --no-builtin-rules
-
-VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 
 ## help : list the targets
 .PHONY: help
 help:
 	@sed -n 's/^## //p' $(MAKEFILE_LIST)
 
+# ---------------------------------------------------------------- set-up
+
+# Installs what is missing; not asked again until what it installs changes. See setup.sh.
+build/setup.run: setup.sh requirements.txt pyproject.toml
+	./setup.sh run
+	@touch $@
+
+build/setup.test: build/setup.run
+	./setup.sh test
+	@touch $@
+
+## lock : pin requirements.in anew in requirements.txt, at the newest versions
+.PHONY: lock
+lock: | build/setup.run
+	.venv/bin/python -m venv build/lock
+	build/lock/bin/pip install --quiet --disable-pip-version-check uv
+	build/lock/bin/uv pip compile requirements.in --output-file requirements.txt --upgrade \
+	    --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
+
 # ---------------------------------------------------------------- C renderer
 
-C_SOURCES := $(wildcard c_renderer/src/*.c)
-C_HEADERS := $(wildcard c_renderer/src/*.h)
-C_NAMES   := $(patsubst c_renderer/src/%.c,%,$(C_SOURCES))
+VERSION := $(shell sed -n 's/^version = "\([^"]*\)".*/\1/p' pyproject.toml)
+C_NAMES := $(patsubst c_renderer/src/%.c,%,$(wildcard c_renderer/src/*.c))
 
 # OpenEXR's headers warn under -Wpedantic: -isystem. Asked of pkg-config when a recipe runs, not
 # when this file is read, since set-up may just have installed it.
@@ -31,31 +50,30 @@ LIB_LDFLAGS = $(shell pkg-config --libs jansson) \
 C_FLAGS := -std=c99 -Wall -Wextra -Wpedantic -Wconversion -fPIC -fopenmp -fno-math-errno \
            -DPENUMBRA_VERSION='"$(VERSION)"'
 
-# One build in folder $(1) by compiler $(2) with flags $(3): bin/penumbra-render, and
-# lib/libpenumbra.so of the same objects but main.
+# One build, in folder $(1), once set up for $(2), by compiler $(3) with flags $(4):
+# bin/penumbra-render, and lib/libpenumbra.so of the same objects but main.
 define c_build
-$(1)/obj/%.o: c_renderer/src/%.c Makefile pyproject.toml
+$(1)/obj/%.o: c_renderer/src/%.c Makefile pyproject.toml | build/setup.$(2)
 	@mkdir -p $$(@D)
-	$(2) $$(C_FLAGS) $(3) $$(LIB_CFLAGS) -MMD -MP -c $$< -o $$@
+	$(3) $$(C_FLAGS) $(4) $$(LIB_CFLAGS) -MMD -MP -c $$< -o $$@
 
 $(1)/bin/penumbra-render: $(C_NAMES:%=$(1)/obj/%.o)
 	@mkdir -p $$(@D)
-	$(2) $$(C_FLAGS) $(3) $$^ $$(LIB_LDFLAGS) -o $$@
+	$(3) $$(C_FLAGS) $(4) $$^ $$(LIB_LDFLAGS) -o $$@
 
 $(1)/lib/libpenumbra.so: $(patsubst %,$(1)/obj/%.o,$(filter-out main,$(C_NAMES)))
 	@mkdir -p $$(@D)
-	$(2) $$(C_FLAGS) $(3) -shared $$^ $$(LIB_LDFLAGS) -o $$@
+	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@
 
 -include $(C_NAMES:%=$(1)/obj/%.d)
 endef
 
-comma := ,
-CC := $(if $(filter default,$(origin CC)),gcc,$(CC))
-$(eval $(call c_build,build,$(CC),-O3 -march=native -flto=auto))
-$(eval $(call c_build,build/asan,gcc,-O1 -g -fno-omit-frame-pointer -fsanitize=address$(comma)undefined -fno-sanitize-recover=all))
-$(eval $(call c_build,build/tsan,clang,-O1 -g -fsanitize=thread))
-# No -march=native: valgrind does not know AVX-512.
-$(eval $(call c_build,build/valgrind,gcc,-O1 -g))
+CHECKED := -O1 -g -fno-omit-frame-pointer -fno-sanitize-recover=all
+$(eval $(call c_build,build,run,gcc,-O3 -march=native -flto=auto))
+$(eval $(call c_build,build/asan,test,gcc,$(CHECKED) -fsanitize=address -fsanitize=undefined))
+$(eval $(call c_build,build/tsan,test,clang,$(CHECKED) -fsanitize=thread))
+# For any x86-64: valgrind does not know the newest processors' instructions.
+$(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
 
 ## build : the renderer, build/bin/penumbra-render, and build/lib/libpenumbra.so
 .PHONY: build

@@ -16,6 +16,7 @@ cd "$(dirname "$0")"
 level=${1:-run}
 log=build/setup.log
 missing=()
+python=
 
 say() { echo "setup: $*" >&2; }
 
@@ -65,19 +66,20 @@ sys.exit(not (paths.cafile or (paths.capath and os.listdir(paths.capath))))'
 
 makes_venvs() { "$1" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))'; }
 
-# Python 3.11 and 3.13 come first because they have Cycles.
+# Python 3.11 and 3.13 come first because they have Cycles. `python` stays empty if there is none.
 find_python() {
     local candidate
-    for candidate in ${PENUMBRA_PYTHON:-python3.11 python3.13 python3}; do
+    for candidate in "${PENUMBRA_PYTHON:-python3.11}" python3.13 python3; do
         if makes_venvs "$candidate" >/dev/null 2>&1; then
             python=$candidate
             return
         fi
+        [ -z "${PENUMBRA_PYTHON:-}" ] ||
+            stop "PENUMBRA_PYTHON=$PENUMBRA_PYTHON: not a Python 3.11 or newer that can make a venv"
     done
-    return 1
 }
 
-# clang's thread checker only understands OpenMP through libomp's own tool, Archer.
+# Without Archer, the tool that libomp loads, clang's thread checker sees races in any OpenMP.
 checks_threads() {
     echo 'int main(void) {
     int n = 0;
@@ -86,10 +88,8 @@ checks_threads() {
     return n != 36;
 }' >"$probes/threads.c"
     clang -fopenmp -fsanitize=thread "$probes/threads.c" -o "$probes/threads"
-    "$probes/threads"
+    TSAN_OPTIONS=ignore_noninstrumented_modules=1 "$probes/threads"
 }
-
-finds_archer() { [ -e "$(clang --print-resource-dir)/../../libarcher.so" ]; }
 
 has_browser() { command -v chromium || command -v chromium-browser || command -v google-chrome; }
 
@@ -101,10 +101,11 @@ probe_system() {
     need pkg-config "finds libraries" pkg-config --version
     need libjansson-dev "the renderer reads scenes with it" links jansson.h jansson
     need libopenexr-dev "the renderer writes images with it" links openexr.h OpenEXR
-    find_python || true
-    if [ -z "${python:-}" ]; then
+    find_python
+    if [ -z "$python" ]; then
         need python3 "comparison and report" python3 --version
-        need python3-venv "the Python packages' own folder, .venv" makes_venvs python3
+        need python3-venv "Python 3.11 or newer, with a folder of its own for packages" \
+            makes_venvs python3
     fi
     need ca-certificates "secure downloads" trusts_certificates
     if [ "$(uname -m)" = x86_64 ]; then # the only Linux that Cycles has wheels for
@@ -144,7 +145,7 @@ install_missing() {
     fi
     local apt=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get
         --option DPkg::Lock::Timeout=120 --quiet)
-    say "installing ${#missing[@]} system packages with apt (log: $log)"
+    say "installing with apt: ${missing[*]} (log: $log)"
     # Old or absent package lists make the first attempt fail: fetch them only then.
     if ! logged "${apt[@]}" "${install[@]:1}" 2>/dev/null; then
         logged "${apt[@]}" update || true
@@ -193,6 +194,7 @@ setup_venv() {
         .venv/bin/python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("bpy"))' ||
             say "no Cycles for Python $version on $(uname -sm) (Python 3.11 and 3.13 on x86-64 have" \
                 "it): the reference images that Penumbra brings along are used instead"
+        venv_key >.venv/penumbra-key
     fi
     # The package itself: editable, so only its metadata and the `penumbra` command are installed.
     if ! cmp -s pyproject.toml .venv/penumbra-pyproject; then
@@ -200,7 +202,6 @@ setup_venv() {
             --no-build-isolation --editable . || stop "cannot install penumbra in .venv (see $log)"
         cp pyproject.toml .venv/penumbra-pyproject
     fi
-    venv_key >.venv/penumbra-key
 }
 
 # ---------------------------------------------------------------- main
