@@ -64,16 +64,20 @@ paths = ssl.get_default_verify_paths()
 sys.exit(not (paths.cafile or (paths.capath and os.listdir(paths.capath))))'
 }
 
-makes_venvs() { "$1" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))'; }
+# Prints the interpreter's own file: a name on the PATH may be a slow or fickle wrapper.
+makes_venvs() {
+    "$1" -c '
+import sys, venv, ensurepip
+print(sys.executable)
+sys.exit(sys.version_info < (3, 11))'
+}
 
 # Python 3.11 and 3.13 come first because they have Cycles. `python` stays empty if there is none.
 find_python() {
     local candidate
     for candidate in "${PENUMBRA_PYTHON:-python3.11}" python3.13 python3; do
-        if makes_venvs "$candidate" >/dev/null 2>&1; then
-            python=$candidate
-            return
-        fi
+        python=$(makes_venvs "$candidate" 2>/dev/null) && return
+        python=
         [ -z "${PENUMBRA_PYTHON:-}" ] ||
             stop "PENUMBRA_PYTHON=$PENUMBRA_PYTHON: not a Python 3.11 or newer that can make a venv"
     done
