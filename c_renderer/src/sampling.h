@@ -1,0 +1,55 @@
+/* Point sets in the unit square: where on a light the shadow rays go. */
+#ifndef PENUMBRA_SAMPLING_H
+#define PENUMBRA_SAMPLING_H
+
+#include <stdbool.h>
+
+#include "rng.h"
+
+typedef enum {
+    SAMPLER_INDEPENDENT, /* the lab's: every point on its own */
+    SAMPLER_JITTERED,    /* one random point in each cell of a grid */
+    SAMPLER_SOBOL        /* Sobol' points, Owen-scrambled, shifted digitally for every pixel */
+} Sampler;
+
+/* The points of every pixel and light of one image. */
+typedef struct {
+    Sampler sampler;
+    int count;           /* points for each light and pixel sample, >= 1 */
+    int columns, rows;   /* SAMPLER_JITTERED: the grid, columns * rows == count */
+    uint32_t *table[2];  /* SAMPLER_SOBOL: 32-bit coordinates, before the pixel's shift */
+} PointSet;
+
+/* False: out of memory. Otherwise the caller owes a point_set_free. */
+bool point_set_create(PointSet *set, Sampler sampler, int count, uint64_t seed);
+void point_set_free(PointSet *set);
+
+/* Point 0 <= index < count of a stream and dimension (rng.h), in [0, 1) x [0, 1). Each alone is
+ * uniform, so each sampler is unbiased; together the later samplers' points spread more evenly. */
+Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index,
+                       uint32_t dimension);
+
+/* What the kernel does for many pixels at a time (kernel.c), by the same functions. */
+
+/* SAMPLER_SOBOL: the digital shift of one stream and dimension. */
+RngBlock sobol_shift(RngStream stream, uint32_t dimension);
+
+/* The top 23 bits as a float in [1, 2): they become its mantissa. */
+static inline float sobol_to_one_two(uint32_t bits)
+{
+    union {
+        uint32_t bits;
+        float value;
+    } number = {UINT32_C(0x3F800000) | bits >> 9};
+    return number.value;
+}
+
+/* SAMPLER_JITTERED: column (or row) `cell` of `cells`, at the place u in it. */
+static inline real jitter(uint32_t cell, real u, int cells)
+{
+    real x = ((real)cell + u) / (real)cells;
+    const real below_one = 0x0.ffffffp0f; /* the sum may round up to the next cell */
+    return x < below_one ? x : below_one;
+}
+
+#endif
