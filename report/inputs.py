@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,8 +37,9 @@ class Input:
     """path inside the build folder, with forward slashes"""
     command: str
     """run from the repository's root, where the build folder is `build`"""
-    scene: str = ""
-    """of an image"""
+    scene: str
+    needed: bool = True
+    """False: the page does without"""
 
     def path(self, build_dir: Path) -> Path:
         return build_dir / self.file
@@ -53,6 +54,10 @@ def image_file(scene: str, light_samples: int, pixel_samples: int = 1) -> str:
 
 
 def reference_file(scene: str) -> str:
+    """
+    >>> reference_file("tp3")
+    'reference/tp3.exr'
+    """
     return f"reference/{scene}.exr"
 
 
@@ -65,11 +70,25 @@ def _render(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
     return Input(file, command, scene)
 
 
-_CONVERGE = "make build/convergence/tp3.csv"
-CONVERGENCE_CSV = Input("convergence/tp3.csv", _CONVERGE)
-CONVERGENCE = Input("convergence/tp3.json", _CONVERGE)
-AGREEMENT = Input("agreement.json", "make build/agreement.json")
-SPEEDUP = Input("speedup.json", "make build/speedup.csv")
+def _reference(scene: str) -> Input:
+    file = reference_file(scene)
+    return Input(file, f"penumbra reference scenes/{scene}.json -o build/{file}", scene)
+
+
+def _comparisons(scene: str) -> Iterator[Input]:
+    """C and Cycles against exact; C against Cycles where the two are of one size."""
+    most = 1 if scene == "tp3_point" else MOST_LIGHT_SAMPLES
+    files = {"c": image_file(scene, most), "cycles": reference_file(scene)}
+    for image, reference in (("c", "exact"), ("cycles", "exact"), ("c", "cycles")):
+        file = f"agreement/{scene}_{image}_{reference}.json"
+        against = f"build/{files[reference]}" if reference in files else reference
+        perceptual = " --perceptual" if scene == "tp3" else ""
+        command = (
+            f"penumbra compare build/{files[image]} {against} --scene scenes/{scene}.json"
+            f"{perceptual} --json build/{file}"
+        )
+        yield Input(file, command, scene, needed=reference == "exact")
+
 
 IMAGES: tuple[Input, ...] = (
     _render("tp3", FEW),
@@ -80,13 +99,20 @@ IMAGES: tuple[Input, ...] = (
     *(_render("tp3_statement", n) for n in LIGHT_SAMPLES),
     _render("tp3_statement", MOST_LIGHT_SAMPLES),
     _render("tp3_point", 1),
-    *(Input(reference_file(s), f"make build/{reference_file(s)}", s) for s in SCENES),
+    *(_reference(scene) for scene in SCENES),
 )
+COMPARISONS: tuple[Input, ...] = tuple(c for scene in SCENES for c in _comparisons(scene))
+"""The command exits with 1, its file written, where anything does not agree."""
 
-INPUTS: tuple[Input, ...] = (*IMAGES, CONVERGENCE_CSV, CONVERGENCE, AGREEMENT, SPEEDUP)
-"""Agreement holds the images of MOST_LIGHT_SAMPLES, the point light's and the Cycles references
-against exact. Convergence holds pixel_samples 1 (all N) and PIXEL_SAMPLES (a few N, FEW among
-them)."""
+_CONVERGE = (
+    "penumbra converge scenes/tp3.json -o build/convergence/tp3 "
+    f"--pixel-samples 1,{PIXEL_SAMPLES} --cycles"
+)
+CONVERGENCE_CSV = Input("convergence/tp3.csv", _CONVERGE, "tp3")
+CONVERGENCE = Input("convergence/tp3.json", _CONVERGE, "tp3")
+SPEEDUP = Input("speedup.json", "penumbra speedup scenes/tp3.json -o build/speedup.csv", "tp3")
+
+INPUTS: tuple[Input, ...] = (*IMAGES, *COMPARISONS, CONVERGENCE_CSV, CONVERGENCE, SPEEDUP)
 
 
 @dataclass(frozen=True)
@@ -99,8 +125,8 @@ class Data:
     """by Input.file"""
     exact: dict[tuple[str, int, int], ExactImage]
     """by scene, height and width: for each image"""
-    agreement: dict[str, Any]
-    """"rows" and whatever else the file holds"""
+    comparisons: dict[str, dict[str, Any]]
+    """what `penumbra compare` wrote, by Input.file"""
     convergence: dict[str, Any]
     convergence_rows: list[dict[str, str]]
     speedup: dict[str, Any]
@@ -124,37 +150,29 @@ def read_inputs(build_dir: Path, scenes_dir: Path) -> Data:
     _check_present(build_dir)
     files = {name: scenes_dir / f"{name}.json" for name in SCENES}
     scenes = {name: read_scene(file) for name, file in files.items()}
-    agreement = _read(AGREEMENT, build_dir, _json)
-    if isinstance(agreement, list):
-        agreement = {"rows": agreement}
     images = {
         i.file: _read(i, build_dir, lambda path, i=i: _image(path, scenes[i.scene])) for i in IMAGES
     }
     sizes = {(i.scene, *images[i.file].shape) for i in IMAGES}
     sizes |= {(name, scene.height, scene.width) for name, scene in scenes.items()}
-    data = Data(
+    return Data(
         scenes,
         {name: file.read_text() for name, file in files.items()},
         images,
         {(scene, h, w): exact_image(scenes[scene], w, h) for scene, h, w in sizes},
-        agreement,
-        _read(CONVERGENCE, build_dir, _json),
+        {
+            i.file: _read_json(i, build_dir, "rows", "metrics", "command")
+            for i in COMPARISONS
+            if i.path(build_dir).is_file()
+        },
+        _read_json(CONVERGENCE, build_dir, "scene", "slopes", "curves", "command"),
         _read(CONVERGENCE_CSV, build_dir, _rows),
-        _read(SPEEDUP, build_dir, _json),
+        _read_json(SPEEDUP, build_dir, "rows", "command"),
     )
-    for item, value, keys in (
-        (AGREEMENT, data.agreement, ("rows",)),
-        (CONVERGENCE, data.convergence, ("scene", "slopes", "curves")),
-        (SPEEDUP, data.speedup, ("rows",)),
-    ):
-        missing = [k for k in keys if k not in value]
-        if missing:
-            raise _unusable(item, build_dir, f"has no {', '.join(missing)}")
-    return data
 
 
 def _check_present(build_dir: Path) -> None:
-    missing = [i for i in INPUTS if not i.path(build_dir).is_file()]
+    missing = [i for i in INPUTS if i.needed and not i.path(build_dir).is_file()]
     if missing:
         raise ReportError("\n".join(str(_unusable(i, build_dir, "no such file")) for i in missing))
 
@@ -172,8 +190,13 @@ def _read(item: Input, build_dir: Path, read: Callable[[Path], Any]) -> Any:
         raise _unusable(item, build_dir, error) from error
 
 
-def _json(path: Path) -> Any:
-    return json.loads(path.read_text())
+def _read_json(item: Input, build_dir: Path, *keys: str) -> dict[str, Any]:
+    """A JSON object that has the keys."""
+    value = _read(item, build_dir, lambda path: json.loads(path.read_text()))
+    missing = [k for k in keys if not isinstance(value, dict) or k not in value]
+    if missing:
+        raise _unusable(item, build_dir, f"has no {', '.join(missing)}")
+    return dict(value)
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
