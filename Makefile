@@ -79,7 +79,111 @@ $(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
 .PHONY: build
 build: build/bin/penumbra-render build/lib/libpenumbra.so
 
-## clean : remove everything that was built, rendered or measured (build/)
+# ---------------------------------------------------------------- the experiment
+
+PENUMBRA := .venv/bin/penumbra
+RENDER   := build/bin/penumbra-render
+SCENES   := tp3 tp3_statement tp3_point
+
+## render : the lab's scene: build/tp3.exr, and build/tp3.png as the lab saves it
+.PHONY: render
+render: build/tp3.png
+
+build/tp3.exr: scenes/tp3.json $(RENDER)
+	$(RENDER) $< -o $@
+
+build/tp3.png: build/tp3.exr
+	$(PENUMBRA) png $< -o $@
+
+# build/images/SCENE_nN_mM.exr: N light samples and M pixel samples, as the name says.
+pixel_samples = $(lastword $(subst _m, ,$(1)))
+light_samples = $(lastword $(subst _n, ,$(1:_m$(pixel_samples)=)))
+scene         = $(1:_n$(light_samples)_m$(pixel_samples)=)
+
+build/images/%.exr: scenes/$$(call scene,$$*).json $(RENDER)
+	@mkdir -p $(@D)
+	$(RENDER) $< --light-samples $(call light_samples,$*) --pixel-samples $(call pixel_samples,$*) \
+	    --seed 1 -o $@
+
+## reference : each scene in Cycles, build/reference/*.exr
+.PHONY: reference
+reference: $(SCENES:%=build/reference/%.exr)
+
+# Without Cycles (exit status 3): the small reference that the repository holds.
+build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.run
+	@mkdir -p $(@D)
+	$(PENUMBRA) reference $< -o $@ || { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@; }
+
+COMPARE := $(wildcard compare/*.py)
+
+# Verdicts: build/agreement/SCENE_IMAGE_REFERENCE.json, and .txt for reading. Exit status 1,
+# "differs", is a result like any other.
+compare = mkdir -p $(@D) && $(PENUMBRA) compare $(1) $(2) --scene scenes/$*.json \
+    $(if $(filter tp3,$*),--perceptual) --json $@ >$(@:json=txt) || [ $$? -eq 1 ]
+# Ours: the image of the most light samples, of which a point light needs but one.
+ours = build/images/$(1)_n$(if $(filter %_point,$(1)),1,4096)_m1.exr
+
+build/agreement/%_c_exact.json: $$(call ours,$$*) scenes/%.json $(COMPARE)
+	$(call compare,$<,exact)
+
+build/agreement/%_cycles_exact.json: build/reference/%.exr scenes/%.json $(COMPARE)
+	$(call compare,$<,exact)
+
+# Left out where the two differ in size (exit status 2): the references in the repository are small.
+build/agreement/%_c_cycles.json: $$(call ours,$$*) build/reference/%.exr scenes/%.json $(COMPARE)
+	$(call compare,$<,$(word 2,$^)) || [ $$? -eq 2 ]
+
+# A run that was stopped goes on where it was. Without Cycles: our curves alone.
+CONVERGE = $(PENUMBRA) converge $< -o build/convergence/tp3 --pixel-samples 1,16
+build/convergence/tp3.csv build/convergence/tp3.json &: scenes/tp3.json $(RENDER) $(COMPARE)
+	$(CONVERGE) --cycles || { [ $$? -eq 3 ] && $(CONVERGE); }
+
+build/speedup.csv build/speedup.json &: scenes/tp3.json $(RENDER) $(COMPARE)
+	$(PENUMBRA) speedup $< -o build/speedup.csv
+
+IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 tp3_n4096_m1 tp3_point_n1_m1 \
+          $(foreach n,1 4 16 64 256 4096,tp3_statement_n$(n)_m1)
+PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
+
+## report : all of the above, measured and explained on one page, build/report/index.html
+.PHONY: report
+report: build/report/index.html
+
+build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
+    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
+    penumbra.py $(wildcard report/*.py report/template/*)
+	$(PENUMBRA) report -o $@
+
+# ---------------------------------------------------------------- checks
+
+PYTHON_FILES := penumbra.py blender_ref compare report tests
+
+## test : lint, then every test; installs a browser, clang and valgrind for them if missing
+.PHONY: test
+test: build/setup.test lint build $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
+	.venv/bin/pytest -n auto --maxprocesses 8
+
+## lint : style and types, Python and C
+.PHONY: lint
+lint: build/setup.run
+	.venv/bin/ruff check $(PYTHON_FILES)
+	.venv/bin/ruff format --check $(PYTHON_FILES)
+	.venv/bin/mypy
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch]
+
+## format : rewrite Python and C in the style that lint asks for
+.PHONY: format
+format: build/setup.run
+	.venv/bin/ruff check --fix $(PYTHON_FILES)
+	.venv/bin/ruff format $(PYTHON_FILES)
+	.venv/bin/clang-format -i c_renderer/src/*.[ch]
+
+## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean
 clean:
 	rm -rf build
+
+## distclean : remove what set-up made in this folder too
+.PHONY: distclean
+distclean: clean
+	rm -rf .venv *.egg-info

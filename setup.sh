@@ -8,7 +8,7 @@
 #   PENUMBRA_PYTHON   the interpreter that .venv is made with
 # exit: 0 all is there, 2 usage, 3 something is missing and could not be installed
 #
-# Make calls it; there is no need to. A second run takes under a second and no network.
+# Make calls it; there is no need to. A second run takes about a second and no network.
 
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -38,7 +38,7 @@ logged() {
 need() {
     local package=$1 why=$2
     shift 2
-    if ! "$@" >/dev/null 2>&1 </dev/null; then
+    if ! "$@" >/dev/null 2>&1; then
         missing+=("$package")
         say "missing: $package ($why)"
     fi
@@ -46,13 +46,17 @@ need() {
 
 # ---------------------------------------------------------------- probes, by use
 
-# links HEADER [PKG_CONFIG_NAME]: a program that includes HEADER compiles and links.
+# compiles COMPILER OPTION...: it makes a program of standard input, and the program runs.
+compiles() {
+    "$1" -x c - -o "$probes/program" "${@:2}" && "$probes/program"
+}
+
+# links HEADER [LIBRARY]: the header is there and so is the library, by its pkg-config name.
 links() {
     local flags=()
     [ $# -eq 1 ] || read -ra flags <<<"$(pkg-config --cflags --libs "$2")"
-    echo "#include <$1>
-int main(void) { return 0; }" >"$probes/probe.c"
-    gcc "$probes/probe.c" -o "$probes/probe" "${flags[@]}"
+    compiles gcc "${flags[@]}" <<<"#include <$1>
+int main(void) { return 0; }"
 }
 
 loads() { "${python:-python3}" -c 'import ctypes, sys; ctypes.CDLL(sys.argv[1])' "$1"; }
@@ -83,16 +87,17 @@ find_python() {
     done
 }
 
+checks_threads() { compiles clang -fsanitize=thread <<<'int main(void) { return 0; }'; }
+
 # Without Archer, the tool that libomp loads, clang's thread checker sees races in any OpenMP.
-checks_threads() {
-    echo 'int main(void) {
+checks_openmp_threads() {
+    TSAN_OPTIONS=ignore_noninstrumented_modules=1 compiles clang -fsanitize=thread -fopenmp <<<'
+int main(void) {
     int n = 0;
 #pragma omp parallel for reduction(+ : n)
     for (int i = 0; i < 9; i++) n += i;
     return n != 36;
-}' >"$probes/threads.c"
-    clang -fopenmp -fsanitize=thread "$probes/threads.c" -o "$probes/threads"
-    TSAN_OPTIONS=ignore_noninstrumented_modules=1 "$probes/threads"
+}'
 }
 
 has_browser() { command -v chromium || command -v chromium-browser || command -v google-chrome; }
@@ -124,7 +129,8 @@ probe_system() {
     if [ "$level" = test ]; then
         need chromium "tests the report's page" has_browser
         need clang "second compiler" clang --version
-        need libomp-dev "clang's OpenMP and its thread checker" checks_threads
+        need libclang-rt-dev "clang's thread checker" checks_threads
+        need libomp-dev "the same for OpenMP" checks_openmp_threads
         need valgrind "checks memory" valgrind --quiet true
     fi
 }
@@ -184,6 +190,10 @@ venv_is_complete() {
             [ "$(python_version .venv/bin/python)" = "$(python_version "$PENUMBRA_PYTHON")" ]; }
 }
 
+pip_install() {
+    logged .venv/bin/python -m pip install --disable-pip-version-check --progress-bar off "$@"
+}
+
 setup_venv() {
     if ! venv_is_complete; then
         local version
@@ -192,18 +202,18 @@ setup_venv() {
             "a download of up to 600 MB (log: $log)"
         rm -f .venv/penumbra-key
         logged "$python" -m venv --clear .venv || stop "cannot make .venv (see $log)"
-        logged .venv/bin/python -m pip install --disable-pip-version-check --progress-bar off \
-            --require-hashes --requirement requirements.txt ||
+        # Python compiles what it imports: compiling all of Blender's modules here takes 25 s.
+        pip_install --no-compile --require-hashes --requirement requirements.txt ||
             stop "pip could not install requirements.txt (see $log; is there a network?)"
-        .venv/bin/python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("bpy"))' ||
+        .venv/bin/python -m pip --quiet show bpy 2>/dev/null ||
             say "no Cycles for Python $version on $(uname -sm) (Python 3.11 and 3.13 on x86-64 have" \
                 "it): the reference images that Penumbra brings along are used instead"
         venv_key >.venv/penumbra-key
     fi
     # The package itself: editable, so only its metadata and the `penumbra` command are installed.
     if ! cmp -s pyproject.toml .venv/penumbra-pyproject; then
-        logged .venv/bin/python -m pip install --disable-pip-version-check --no-index --no-deps \
-            --no-build-isolation --editable . || stop "cannot install penumbra in .venv (see $log)"
+        pip_install --no-index --no-deps --no-build-isolation --editable . ||
+            stop "cannot install penumbra in .venv (see $log)"
         cp pyproject.toml .venv/penumbra-pyproject
     fi
 }

@@ -19,6 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from compare import exact, metrics, provenance
+from compare.agreement import ROUNDING
 from compare.image import EIGHT_BIT, Image, ImageError, read_image
 from compare.journal import Journal
 from compare.renderers import Job, Renderer, RendererError
@@ -137,7 +138,8 @@ class _Truth:
     def region_floor(self, region: str, eight_bit: bool) -> float:
         """MSE that the truth's own error, or the image file's 8 bits, may account for."""
         mask = self.regions[region]
-        squared = float(np.mean(self.error_bound[mask] ** 2))
+        rounding = ROUNDING * float(self.radiance.max())
+        squared = float(np.mean((self.error_bound[mask] + rounding) ** 2))
         if eight_bit:
             # Rounding to 1/255, where a channel is not simply black or white.
             shown = (self.radiance[mask] > 0) & (self.radiance[mask] < 1)
@@ -265,7 +267,7 @@ class _Measured:
     pixel_samples: int
     seed: int
     values: dict[str, Any]
-    """{"seconds", "software", "regions": {region: {measure: number or None}}}"""
+    """{"seconds", "clock", "software", "regions": {region: {measure: number or None}}}"""
 
 
 def _jobs(curve: Curve, bench: _Bench) -> list[Job]:
@@ -349,6 +351,7 @@ def _measure(job: Job, file: Path, wall_seconds: float, bench: _Bench) -> dict[s
         regions[region] = values
     return {
         "seconds": float(image.attributes.get("renderSeconds", wall_seconds)),
+        "clock": "rendering" if "renderSeconds" in image.attributes else "whole command",
         "software": str(image.attributes.get("software", "")),
         "regions": regions,
     }
@@ -407,11 +410,13 @@ def _summary(
 ) -> dict[str, Any]:
     """What <out>.json holds: provenance, slopes, and the curves with their intervals."""
     study = bench.study
-    software = {
-        curve.renderer.label: image.values["software"]
+    renderers = {
+        curve.renderer.label: {
+            "command": curve.renderer.command,
+            "software": images[-1].values["software"],
+            "seconds": images[-1].values["clock"],
+        }
         for curve, images in measured
-        for image in images
-        if image.values["software"]
     }
     fits = _Fits(bench, rows)
     return {
@@ -424,7 +429,8 @@ def _summary(
         "reference": None if study.reference is None else str(study.reference),
         "command": provenance.command_line(),
         "machine": provenance.machine(),
-        "versions": provenance.versions() | software,
+        "versions": provenance.versions(),
+        "renderers": renderers,
         "slopes": fits.slopes,
         "without_slope": fits.without_slope,
         "curves": fits.curves,
@@ -523,7 +529,7 @@ def _why_not(mse: np.ndarray, offset_error: float, floor: float) -> str:
     if offset_error > 0:
         return "below the noise of the reference"
     if (mse.mean(axis=1) <= floor).any():
-        return "below the error of the exact solution or of the image file"
+        return "no more error than rounding and the exact solution may have"
     return "no error at some number of light samples"
 
 

@@ -17,7 +17,7 @@ class Journal:
     """A file of JSON lines {"key": ..., "value": ...}, appended one whole line at a time.
 
     Later lines of a key win. Lines that are not whole (the run was killed while it wrote
-    the last one) are dropped. While it is open no second run can open it: JournalError.
+    the last one) are dropped. An empty journal leaves no file. While it is open no second run can open it: JournalError.
     """
 
     def __init__(self, file: Path) -> None:
@@ -59,6 +59,8 @@ class Journal:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        if not self._values:
+            self.delete()
         self._stream.close()
 
     def _read(self) -> dict[str, Any]:

@@ -79,7 +79,7 @@ def rel_mse(
     Where the reference is 0 the image's square counts, over epsilon: light that leaks into
     the umbra is seen. Raises MetricError if epsilon is not above 0.
 
-    >>> rel_mse(np.full((1, 1, 3), 0.1), np.zeros((1, 1, 3)), epsilon=0.01)
+    >>> rel_mse(np.full((1, 1, 3), 0.5), np.zeros((1, 1, 3)), epsilon=0.25)
     1.0
     """
     if not epsilon > 0:

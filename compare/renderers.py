@@ -10,6 +10,7 @@ import shutil
 import signal
 import string
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -34,6 +35,8 @@ class RendererError(ValueError):
 
 class MissingProgramError(RuntimeError):
     """A program that is not installed or not built; the text says what to do."""
+
+    exit_code = 3
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,14 @@ class Renderer(Protocol):
     @property
     def label(self) -> str:
         """its name in tables and figures"""
+
+    @property
+    def command(self) -> str:
+        """what is run, for people to read"""
+
+    @property
+    def suffix(self) -> str:
+        """of its images, one of SUFFIXES"""
 
     @property
     def placeholders(self) -> frozenset[str]:
@@ -206,28 +217,47 @@ def run_program(words: list[str], timeout: float) -> Ran:
 
     Raises OSError if it cannot be started.
     """
-    process = subprocess.Popen(
-        words,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,  # a group of its own, so that its children can be ended too
-    )
-    assert process.stdout is not None
+    process: subprocess.Popen[bytes] | None = None
     tail = bytearray()
-    reader = threading.Thread(target=_keep_tail, args=(process.stdout, tail), daemon=True)
-    reader.start()
     code: int | None = None
     try:
-        code = process.wait(timeout)
-    except subprocess.TimeoutExpired:
-        pass
+        with _interrupts_held():  # else one in here would lose sight of what was started
+            process = subprocess.Popen(
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # a group of its own, to end its children too
+            )
+        reader = threading.Thread(target=_keep_tail, args=(process.stdout, tail), daemon=True)
+        reader.start()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            code = process.wait(timeout)
     finally:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        reader.join(1)
+        if process is not None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+    reader.join(1)
     return Ran(code, tail.decode(errors="replace"))
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait until the block is done. Only the main thread gets them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = {kind: signal.signal(kind, lambda number, _: held.append(number)) for kind in kinds}
+    try:
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 def _keep_tail(stream: IO[bytes], tail: bytearray) -> None:
@@ -257,4 +287,15 @@ def penumbra_renderer(timeout: float = TIMEOUT) -> CommandRenderer:
         "--width {width} --height {height}",
         timeout=timeout,
         advice="run `make build`",
+    )
+
+
+def cycles_renderer(timeout: float = TIMEOUT) -> CommandRenderer:
+    """Cycles on the same scene, through blender_ref in a process of its own."""
+    return CommandRenderer(
+        "cycles",
+        f"{shlex.quote(sys.executable)} -m blender_ref {{scene}} -o {{out}} "
+        "--samples {light_samples} --seed {seed} --parts 1 --width {width} --height {height}",
+        timeout=timeout,
+        advice="this Python is gone",
     )

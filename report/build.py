@@ -1,0 +1,827 @@
+"""From the pipeline's files to one offline HTML page. Each function below fills one section."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from compare import provenance
+from compare.exact import BACKGROUND, LIT, PENUMBRA, UMBRA
+from compare.image import Image
+from report import figures
+from report.figures import Crop, Series
+from report.inputs import (
+    AGREEMENT,
+    CONVERGENCE,
+    FEW,
+    IMAGES,
+    LIGHT_SAMPLES,
+    MOST_LIGHT_SAMPLES,
+    PIXEL_SAMPLES,
+    SCENES,
+    SPEEDUP,
+    Data,
+    Input,
+    ReportError,
+    image_file,
+    read_inputs,
+    reference_file,
+)
+
+TEMPLATES = Path(__file__).resolve().parent / "template"
+ENLARGED = 6
+"""How many times smaller than the picture a crop is, shown at the picture's width."""
+RELATIVE_LIMIT = 0.02
+"""End of the colour bar of relative differences."""
+Z_LIMIT = 4.0
+"""End of the colour bar of standardised differences."""
+FIRST_REGIONS = ("all", "lit", "penumbra")
+VERDICTS = ("agrees", "differs", "undecided")
+RENDERERS = {"penumbra": "C", "cycles": "Cycles"}
+
+CONTENTS = (
+    ("shadows", "Hard and soft shadows"),
+    ("light", "The quad light"),
+    ("ray", "One shadow ray"),
+    ("samples", "More shadow rays"),
+    ("compare", "Compare any two images"),
+    ("agreement", "Is it right?"),
+    ("convergence", "How fast does it converge?"),
+    ("antialiasing", "Why is there less noise in the shadow?"),
+    ("threads", "Threads"),
+    ("remake", "What was rendered, and how to remake it"),
+    ("glossary", "Glossary"),
+)
+
+GLOSSARY = (
+    ("Bias", "What remains of the error when infinitely many estimates are averaged. An unbiased "
+     "estimator is right on average; more samples cannot remove a bias."),
+    ("BRDF", "How much radiance a surface reflects per irradiance, in sr⁻¹. The lab multiplies its "
+     "flat colour without 1/π, so the flat colour is the BRDF."),
+    ("Confidence interval", "A range computed from noisy data so that, were the whole measurement "
+     "repeated many times, the stated share of such ranges (say 95 %) would hold the true value."),
+    ("δ (delta)", "The bias that one is ready to tolerate, chosen before measuring. Here relative "
+     "to the region’s mean."),
+    ("Detectable bias", "The smallest true bias that the test would very probably have found. A test "
+     "that could only have found a large one says little by finding none."),
+    ("Lit", "Where the whole light is visible."),
+    ("N, light samples", "Shadow rays sent from each visible point to each surface light "
+     "(nbLightSamples in the lab)."),
+    ("M, pixel samples", "Camera rays per pixel. With M = 1 the ray goes through the pixel’s centre; "
+     "with M > 1 they are spread over the pixel: anti-aliasing."),
+    ("Noise", "The random part of the error. It changes with the seed and shrinks as N grows."),
+    ("pdf", "Probability density function: how likely a random point is drawn near a given place, "
+     "per m² (or per steradian). Dividing by it makes up for drawing some places more often."),
+    ("Penumbra", "Where part of the light is visible."),
+    ("Radiance", "Light per area and per direction, in W m⁻² sr⁻¹: what a pixel measures."),
+    ("RMSE", "Root mean square error: square the differences from the truth, average them over the "
+     "region’s pixels, take the root. Relative: divided by the root mean square of the truth."),
+    ("Sampler", "How the random points are drawn; “independent” means that no point knows of another."),
+    ("Seed", "The number that selects one sequence of random numbers. Same seed, same image."),
+    ("Slope", "On logarithmic axes, the exponent b in error ∝ N^b."),
+    ("Standard error", "How far a measured mean typically lies from the true one."),
+    ("Umbra", "Where no part of the light is visible."),
+)  # fmt: skip
+
+
+def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
+    """Write the page `out` from the files of `report.inputs.INPUTS` in build_dir.
+
+    Raises ReportError for an input that is missing or unusable (naming it and the command
+    that makes it), SceneError, and OSError if `out` cannot be written.
+    """
+    html = page(read_inputs(build_dir, scenes_dir))
+    provenance.write_whole(out, lambda part: part.write_text(html, encoding="utf-8"))
+
+
+def page(data: Data) -> str:
+    """The whole page as HTML. Raises ReportError for an input that lacks something."""
+    environment = jinja2.Environment(
+        autoescape=True,
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    gallery = _Gallery(data)
+    try:
+        sections = {
+            **_shadows(data),
+            **_agreement(data),
+            **_maps(data),
+            **_convergence(data),
+            **_antialiasing(data),
+            **_speedup(data),
+            **_provenance(data),
+        }
+        sections["glance"] = _glance(data)
+    except (KeyError, TypeError) as error:
+        raise ReportError(f"an input lacks what the page needs: {error!r}; remake it") from error
+    return environment.get_template("page.html.j2").render(
+        **sections,
+        version=provenance.VERSION,
+        contents=CONTENTS,
+        glossary=GLOSSARY,
+        enlarged=ENLARGED,
+        scene=data.scenes["tp3"],
+        light=figures.light_drawing(data.scenes["tp3"].quad_lights[0]),
+        links=gallery.links(),
+        comparer_images=gallery.images,
+        css=Markup((TEMPLATES / "page.css").read_text()),
+        viewer=Markup((TEMPLATES / "viewer.js").read_text()),
+    )
+
+
+# Pictures
+
+
+def _shadows(data: Data) -> dict[str, Any]:
+    """Figures 1, 3 (right) and 4."""
+    point, quad = image_file("tp3_point", 1), image_file("tp3", MOST_LIGHT_SAMPLES)
+    window = _edge_crop(data, image_file("tp3_statement", 1))
+    statement = [image_file("tp3_statement", n) for n in (1, *LIGHT_SAMPLES)]
+    one, *more = (_picture(data, file, window) for file in statement)
+    return {
+        "figure_1": [
+            _picture(data, point, _edge_crop(data, point), "a point light"),
+            _picture(data, quad, _edge_crop(data, quad), "a quad light"),
+        ],
+        "figure_3": one,
+        "figure_4": more,
+    }
+
+
+def _picture(data: Data, file: str, window: Crop, caption: str = "") -> dict[str, Any]:
+    image = data.images[file]
+    height, width = image.shape
+    label = _label(image)
+    pixels = figures.displayed(image.radiance)
+    what = f"Scene {image.attributes['sceneName']}, {label}"
+    return {
+        "full": {
+            "png": figures.png_uri(pixels),
+            "width": width,
+            "height": height,
+            "alt": what,
+            "window": {
+                "left": 100 * window.left / width,
+                "top": 100 * window.top / height,
+                "width": 100 * window.width / width,
+                "height": 100 * window.height / height,
+            },
+        },
+        "detail": _detail(pixels, window, f"{what}: the framed part enlarged"),
+        "caption": caption or _samples(image),
+        "facts": _facts(image),
+        "command": _command(data, file),
+    }
+
+
+def _detail(pixels: np.ndarray, window: Crop, alt: str) -> dict[str, Any]:
+    return {
+        "png": figures.png_uri(window.of(pixels)),
+        "width": window.width,
+        "height": window.height,
+        "alt": alt,
+        "window": None,
+    }
+
+
+def _edge_crop(data: Data, file: str) -> Crop:
+    """Around the shadow on a plane: its penumbra, or both sides of a hard edge."""
+    exact = data.truth(file)
+    on_plane = exact.object_id >= len(data.scene(file).spheres)
+    height, width = exact.shadow.shape
+    size = max(1, width // ENLARGED), max(1, height // ENLARGED)
+    penumbra = on_plane & (exact.shadow == PENUMBRA)
+    if penumbra.any():
+        return figures.crop_around(penumbra, *size)
+    hard = on_plane & exact.silhouette & np.isin(exact.shadow, (LIT, UMBRA))
+    return figures.crop_around(hard, *size)
+
+
+def _outline_crop(data: Data, file: str) -> Crop:
+    """Around the lit outline of a sphere."""
+    exact = data.truth(file)
+    on_sphere = (exact.object_id >= 0) & (exact.object_id < len(data.scene(file).spheres))
+    outline = exact.silhouette & on_sphere & (exact.shadow == LIT)
+    height, width = exact.shadow.shape
+    return figures.crop_around(outline, max(1, width // ENLARGED), max(1, height // ENLARGED))
+
+
+class _Gallery:
+    """The images that the comparer holds, and links into it."""
+
+    def __init__(self, data: Data) -> None:
+        self.images: list[dict[str, Any]] = []
+        self.index: dict[str, int] = {}
+        for scene in SCENES:
+            for item in IMAGES:
+                if item.scene == scene:
+                    image = data.images[item.file]
+                    self._add(item.file, scene, _label(image), image.radiance)
+            own_size = (scene, data.scenes[scene].height, data.scenes[scene].width)
+            self._add(scene, scene, "exact", data.exact[own_size].radiance)
+
+    def _add(self, key: str, scene: str, label: str, radiance: np.ndarray) -> None:
+        self.index[key] = len(self.images)
+        height, width = radiance.shape[:2]
+        self.images.append(
+            {
+                "label": label,
+                "group": f"scene {scene}",
+                "width": width,
+                "height": height,
+                "data": figures.packed_halves(radiance),
+            }
+        )
+
+    def links(self) -> dict[str, dict[str, Any]]:
+        def link(a: str, b: str, mode: str) -> dict[str, Any]:
+            return {"a": self.index[a], "b": self.index[b], "mode": mode}
+
+        statement = [image_file("tp3_statement", n) for n in LIGHT_SAMPLES]
+        return {
+            "start": link(statement[1], "tp3_statement", "split"),
+            "figure_1": link(image_file("tp3_point", 1), image_file("tp3", MOST_LIGHT_SAMPLES), "a"),
+            "figure_4": link(statement[0], statement[-1], "split"),
+            "figure_8": link(
+                image_file("tp3", FEW, PIXEL_SAMPLES), image_file("tp3", FEW * PIXEL_SAMPLES), "split"
+            ),
+        }  # fmt: skip
+
+
+# Agreement
+
+
+def _agreement(data: Data) -> dict[str, Any]:
+    rows = data.agreement["rows"]
+    tables = []
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        chosen = [row for row in rows if row["scene"] == scene]
+        axis = _axis(chosen)
+        pairs = dict.fromkeys((row["image"], row["reference"]) for row in chosen)
+        groups = [
+            {
+                "label": f"{_name(data, image)} against {_name(data, reference)}",
+                "rows": [
+                    _agreement_row(row, axis)
+                    for row in chosen
+                    if (row["image"], row["reference"]) == (image, reference)
+                ],
+            }
+            for image, reference in pairs
+        ]
+        tables.append(
+            {
+                "title": f"Scene {scene}",
+                "axis": f"{100 * axis:.3g}",
+                "groups": groups,
+                "has_consistent": any(row.get("consistent_fraction") is not None for row in chosen),
+            }
+        )
+    confidences = {row["confidence"] for row in rows}
+    perceptual = [
+        {
+            "image": _name(data, row["image"]),
+            "reference": _name(data, row["reference"]),
+            "flip": _digits(row.get("flip")),
+            "delta_e": _digits(row.get("delta_e")),
+        }
+        for row in data.agreement.get("perceptual", [])
+    ]
+    return {
+        "agreement": tables,
+        "confidence": " or ".join(_percent(c) for c in sorted(confidences)),
+        "agreement_command": data.agreement.get("command", AGREEMENT.command),
+        "perceptual": perceptual,
+    }
+
+
+def _agreement_row(row: dict[str, Any], axis: float) -> dict[str, Any]:
+    low, high = row["relative_low"], row["relative_high"]
+    return {
+        "region": row["region"],
+        "pixels": f"{row['pixels']:,}".replace(",", " "),
+        "mean": _digits(row["mean_image"]),
+        "bias": _signed_percent(row["relative_bias"]),
+        "interval": _interval(low, high, _signed_percent),
+        "delta": _digits(100 * row["delta"]),
+        "detectable": _digits(_times(100, row["detectable_relative_bias"])),
+        "consistent": _digits(_times(100, row.get("consistent_fraction")), 5),
+        "verdict": row["verdict"],
+        "plot": _whisker(row, axis),
+    }
+
+
+def _whisker(row: dict[str, Any], axis: float) -> dict[str, Any] | None:
+    """The interval drawn 120 wide, zero at 60."""
+    low, middle, high = (row[k] for k in ("relative_low", "relative_bias", "relative_high"))
+    if low is None or middle is None or high is None:
+        return None
+
+    def at(value: float) -> float:
+        return round(60 + 56 * max(-1.05, min(1.05, value / axis)), 2)
+
+    delta = 56 * min(1.05, row["delta"] / axis)
+    return {
+        "low": at(low),
+        "middle": at(middle),
+        "high": at(high),
+        "delta_low": round(60 - delta, 2),
+        "delta_width": round(2 * delta, 2),
+        "text": f"Interval from {_signed_percent(low)} to {_signed_percent(high)} percent",
+    }
+
+
+def _axis(rows: Iterable[dict[str, Any]]) -> float:
+    """Half-width of the drawn intervals: twice the largest delta holds every agreement."""
+    return 2 * max(row["delta"] for row in rows)
+
+
+def _maps(data: Data) -> dict[str, Any]:
+    """Figure 5."""
+    files = (image_file("tp3", MOST_LIGHT_SAMPLES), reference_file("tp3"))
+    maps = [_relative_map(data, file) for file in files]
+    maps += [_z_map(data, file) for file in files if data.images[file].variance is not None]
+    return {
+        "maps": maps,
+        "map_commands": [_command(data, file) for file in files],
+        "colour_stops": Markup(",".join(figures.diverging_stops())),
+    }
+
+
+def _relative_map(data: Data, file: str) -> dict[str, Any]:
+    values = figures.relative_difference(data.images[file].radiance, data.truth(file).radiance)
+    end = f"{100 * RELATIVE_LIMIT:g} %"
+    return _map(data, file, values, RELATIVE_LIMIT, f"−{end}", f"+{end}", "relative difference")
+
+
+def _z_map(data: Data, file: str) -> dict[str, Any]:
+    values = figures.standardised_difference(data.images[file], data.truth(file))
+    end = f"{Z_LIMIT:g}"
+    return _map(data, file, values, Z_LIMIT, f"−{end}", f"+{end}", "standardised difference z")
+
+
+def _map(
+    data: Data, file: str, values: np.ndarray, limit: float, low: str, high: str, what: str
+) -> dict[str, Any]:
+    image = data.images[file]
+    background = data.truth(file).shadow == BACKGROUND
+    name = _name(data, file)
+    return {
+        "png": figures.png_uri(figures.diverging_map(values, limit, background)),
+        "width": image.shape[1],
+        "height": image.shape[0],
+        "alt": f"Error map: {what} of {name} from exact, per pixel",
+        "bar": what,
+        "low": low,
+        "high": high,
+        "caption": f"{name} − exact: {what}",
+        "facts": _facts(image),
+    }
+
+
+# Convergence
+
+
+def _convergence(data: Data) -> dict[str, Any]:
+    """Figures 6 and 7, and the slopes."""
+    curves = [c for c in data.convergence["curves"] if c["against"] == "exact"]
+    regions = _panel_regions(curves)
+    style = figures.styles(c["renderer"] for c in curves)
+    scene = data.convergence["scene"]
+    size = f"{data.convergence['width']} × {data.convergence['height']}"
+    seeds = data.convergence.get("seeds")
+    bands = "; ".join(
+        [f"{seeds} seeds for each N" if seeds else "several seeds for each N"]
+        + [f"bands are {_percent(c)} confidence intervals" for c in {c["confidence"] for c in curves}]
+    )
+    numbered = []
+    for number, key, x_label, against in (
+        (6, "light_samples", "light samples N [1]", "the number of shadow rays"),
+        (7, "seconds", "seconds per image [s]", "render time"),
+    ):
+        panels = []
+        for region in regions:
+            series = [
+                Series(c["renderer"], _renderer(c["renderer"]), c[key], c["rmse"], c["low"], c["high"])
+                for c in curves
+                if c["region"] == region and c["pixel_samples"] == 1
+            ]
+            title = region.replace(":", ", ")
+            description = f"Relative RMSE against {against}, region {title}. " + " ".join(
+                f"{s.label} falls from {s.y[0]:.3g} at {s.x[0]:.3g} to {s.y[-1]:.3g} at {s.x[-1]:.3g}."
+                for s in series
+            )
+            svg = figures.convergence_chart(
+                f"chart {number} {region}", description, series, style, x_label
+            )
+            panels.append({"title": title, "svg": svg})
+        caption = (
+            f"Relative RMSE against {against}, measured against the exact solution, scene {scene} at "
+            f"{size} pixels, M = 1; {bands}. Dashed: slope −1/2."
+        )
+        numbered.append({"number": number, "panels": panels, "caption": caption})
+    return {
+        "convergence": numbered,
+        "slopes": [_slope_row(s) for s in data.convergence["slopes"]],
+        "slope_sentence": _slope_sentence(data),
+        "convergence_command": data.convergence.get("command", CONVERGENCE.command),
+    }
+
+
+def _panel_regions(curves: Sequence[dict[str, Any]]) -> list[str]:
+    """The shadow's regions first, then objects; not their combinations, not silhouettes."""
+    present = dict.fromkeys(c["region"] for c in curves if c["pixel_samples"] == 1)
+    others = [r for r in present if ":" not in r and r not in (*FIRST_REGIONS, "silhouette", "umbra")]
+    return [r for r in FIRST_REGIONS if r in present] + others
+
+
+def _slope_row(slope: dict[str, Any]) -> dict[str, Any]:
+    samples = slope["light_samples"]
+    return {
+        "renderer": _renderer(slope["renderer"]),
+        "region": slope["region"],
+        "against": _renderer(slope["against"]),
+        "pixel_samples": slope["pixel_samples"],
+        "light_samples": f"{samples[0]} to {samples[-1]}" if samples else "–",
+        "slope": _fixed(slope["slope"]),
+        "interval": _interval(slope["low"], slope["high"], _fixed),
+        "confidence": _percent(slope["confidence"]),
+    }
+
+
+def _slope_of(data: Data, renderer: str, region: str) -> dict[str, Any] | None:
+    for slope in data.convergence["slopes"]:
+        key = (slope["renderer"], slope["region"], slope["pixel_samples"], slope["against"])
+        if key == (renderer, region, 1, "exact"):
+            return slope
+    return None
+
+
+def _slope_sentence(data: Data) -> str:
+    slope = _slope_of(data, "penumbra", "all")
+    if slope is None:
+        return ""
+    return (
+        f"Measured for C over all objects: {_fixed(slope['slope'])}, "
+        f"{_percent(slope['confidence'])} interval {_interval(slope['low'], slope['high'], _fixed)}."
+    )
+
+
+# Anti-aliasing
+
+
+def _antialiasing(data: Data) -> dict[str, Any]:
+    """Figure 8 and the measured answer to the handout's question."""
+    settings = ((FEW, 1), (FEW, PIXEL_SAMPLES), (FEW * PIXEL_SAMPLES, 1))
+    files = [image_file("tp3", n, m) for n, m in settings]
+    regions = [r for r in ("penumbra", "lit") if all(_point(data, r, *s) for s in settings)]
+    rows = []
+    for n, m in settings:
+        points = [_point(data, region, n, m) for region in regions]
+        rows.append(
+            {
+                "light_samples": n,
+                "pixel_samples": m,
+                "rays": n * m,
+                "noises": [_with_interval(p) for p in points if p] + [_umbra_rmse(data, n, m)],
+                "seconds": _digits(points[0]["seconds"]) if points and points[0] else "–",
+            }
+        )
+    titles = [{"title": f"{r}, relative RMSE", "unit": "[interval]"} for r in regions]
+    return {
+        "antialiasing": {
+            "pictures": [_antialiasing_picture(data, file) for file in files],
+            "regions": [*titles, {"title": "umbra, RMSE", "unit": "W m⁻² sr⁻¹, largest of the seeds"}],
+            "rows": rows,
+            "answer": _answer(data, settings),
+            "note": (
+                f"Scene {data.convergence['scene']}, C renderer, silhouettes left out. "
+                "With M > 1 the truth is the exact solution averaged over each pixel."
+            ),
+        }
+    }
+
+
+def _point(data: Data, region: str, light_samples: int, pixel_samples: int) -> dict[str, Any] | None:
+    """One point of the C renderer's curve."""
+    for c in data.convergence["curves"]:
+        key = (c["renderer"], c["region"], c["pixel_samples"], c["against"])
+        if key == ("penumbra", region, pixel_samples, "exact") and light_samples in c["light_samples"]:
+            i = c["light_samples"].index(light_samples)
+            return {k: c[k][i] for k in ("rmse", "low", "high", "seconds")}
+    return None
+
+
+def _umbra_rmse(data: Data, light_samples: int, pixel_samples: int) -> str:
+    values = [
+        float(row["rmse"])
+        for row in data.convergence_rows
+        if (row["renderer"], row["region"]) == ("penumbra", "umbra")
+        and int(row["light_samples"]) == light_samples
+        and int(row["pixel_samples"]) == pixel_samples
+    ]
+    return _digits(max(values)) if values else "–"
+
+
+def _antialiasing_picture(data: Data, file: str) -> dict[str, Any]:
+    image = data.images[file]
+    pixels = figures.displayed(image.radiance)
+    what = f"Scene tp3, {_label(image)}"
+    return {
+        "detail": _detail(pixels, _edge_crop(data, file), f"{what}: the penumbra enlarged"),
+        "edge": _detail(pixels, _outline_crop(data, file), f"{what}: the outline enlarged"),
+        "caption": _samples(image),
+        "facts": _facts(image),
+        "command": _command(data, file),
+    }
+
+
+def _answer(data: Data, settings: Sequence[tuple[int, int]]) -> list[str]:
+    """Paragraphs; every number is one that compare measured, or a ratio of two."""
+    first = (
+        "Because each pixel then averages more shadow rays. With anti-aliasing a pixel is the mean "
+        f"of M camera rays, each of which sends its own N shadow rays: N·M in all. Noise falls with "
+        f"the root of their number, so M = {PIXEL_SAMPLES} should divide it by "
+        f"{math.sqrt(PIXEL_SAMPLES):g}."
+    )
+    off, on, equal = (_point(data, "penumbra", n, m) for n, m in settings)
+    measured = "The images for a measurement are not among the inputs."
+    if off and on and equal:
+        measured = (
+            f"Measured in the penumbra: relative RMSE {_digits(off['rmse'])} with anti-aliasing off "
+            f"and {_digits(on['rmse'])} with it on: {_digits(off['rmse'] / on['rmse'])} times less. "
+            f"But {FEW * PIXEL_SAMPLES} shadow rays without anti-aliasing, as many per pixel, give "
+            f"{_digits(equal['rmse'])}. It is the number of shadow rays that counts, not where in "
+            "the pixel they start from."
+        )
+    last = (
+        "In the umbra there is no noise to remove: every shadow ray is blocked, and the average of "
+        "zeros is zero for any N and M. Where the light is wholly visible the samples differ only by "
+        "their cosines and distances, and the noise is small. What anti-aliasing alone does is the "
+        "outline: without it a pixel of the sphere’s edge is all sphere or all background, however "
+        "many shadow rays it has."
+    )
+    return [first, measured, last]
+
+
+# Threads
+
+
+def _speedup(data: Data) -> dict[str, Any]:
+    """Figure 9."""
+    study = data.speedup
+    rows = study["rows"]
+    one = next(row["seconds"] for row in rows if row["threads"] == 1)
+    best = max(rows, key=lambda row: row["threads"])
+    machine = study.get("machine") or {}
+    cores = machine.get("cores") if isinstance(machine, dict) else None
+    sentence = (
+        f"Here {best['threads']} threads take {_digits(best['seconds'])} s where one takes "
+        f"{_digits(one)} s: {_digits(best['speedup'])} times faster."
+    )
+    scene, samples = study.get("scene", "tp3"), study.get("light_samples", "–")
+    description = "Speed-up by threads: " + ", ".join(
+        f"{row['threads']}: {row['speedup']:.3g}" for row in rows
+    )
+    return {
+        "speedup": {
+            "svg": figures.speedup_chart(
+                "speedup",
+                description,
+                [row["threads"] for row in rows],
+                [row["speedup"] for row in rows],
+                [one / row["high"] for row in rows],
+                [one / row["low"] for row in rows],
+                cores,
+            ),
+            "sentence": sentence,
+            "caption": (
+                f"Median speed-up of {study.get('repeats', 'several')} renders of scene {scene} with "
+                f"N = {samples}; the band holds the fastest and the slowest."
+            ),
+            "command": study.get("command", SPEEDUP.command),
+            "rows": [
+                {
+                    "threads": row["threads"],
+                    "seconds": f"{_digits(row['seconds'])} "
+                    f"{_interval(row['low'], row['high'], _digits)}",
+                    "speedup": _digits(row["speedup"]),
+                }
+                for row in rows
+            ],
+        }
+    }
+
+
+# Provenance
+
+
+def _provenance(data: Data) -> dict[str, Any]:
+    settings = data.images[reference_file("tp3")].attributes.get("settings", "")
+    return {
+        "files": [_file_row(data, item) for item in IMAGES],
+        "machine": _pairs(data.convergence.get("machine", {})),
+        "versions": _pairs(data.convergence.get("versions", {})),
+        "scenes": [
+            {"name": name, "hash": data.scenes[name].hash, "text": data.scene_texts[name].strip()}
+            for name in SCENES
+        ],
+        "cycles_settings": _indented(str(settings)),
+    }
+
+
+def _file_row(data: Data, item: Input) -> dict[str, Any]:
+    image = data.images[item.file]
+    height, width = image.shape
+    a = image.attributes
+    seconds = a.get("renderSeconds")
+    return {
+        "file": f"build/{item.file}",
+        "scene": a.get("sceneName", item.scene),
+        "size": f"{width} × {height}",
+        "light_samples": a.get("lightSamples", "–"),
+        "pixel_samples": a.get("pixelSamples", "–"),
+        "seed": a.get("seed", "–"),
+        "sampler": a.get("sampler", "–"),
+        "software": a.get("software", "–"),
+        "threads": a.get("threads", "–"),
+        "seconds": _digits(seconds) if isinstance(seconds, float) else "–",
+    }
+
+
+def _pairs(values: Any) -> list[tuple[str, str]]:
+    if not isinstance(values, dict):
+        return [("", str(values))]
+    return [(str(k), str(v)) for k, v in values.items()]
+
+
+def _indented(text: str) -> str:
+    try:
+        return json.dumps(json.loads(text), indent=1)
+    except ValueError:
+        return text
+
+
+def _glance(data: Data) -> list[dict[str, str]]:
+    """The results in one line each."""
+    verdicts = [row["verdict"] for row in data.agreement["rows"]]
+    agreeing = verdicts.count("agrees")
+    tone = "differs" if "differs" in verdicts else "agrees" if agreeing == len(verdicts) else "undecided"
+    rest = [f"{verdicts.count(v)} {v}" for v in ("differs", "undecided") if v in verdicts]
+    items = [
+        {
+            "term": "Is it right?",
+            "value": f"{agreeing} of {len(verdicts)}",
+            "text": "comparisons agree" + (f"; {', '.join(rest)}" if rest else " with the exact solution"),
+            "tone": tone,
+        }
+    ]
+    slope = _slope_of(data, "penumbra", "all")
+    if slope is not None:
+        items.append(
+            {
+                "term": "How fast?",
+                "value": f"N^{_fixed(slope['slope'])}",
+                "text": "error of C over all objects, "
+                f"{_percent(slope['confidence'])} interval "
+                f"{_interval(slope['low'], slope['high'], _fixed)}",
+                "tone": "",
+            }
+        )
+    off, on = (_point(data, "penumbra", FEW, m) for m in (1, PIXEL_SAMPLES))
+    if off and on:
+        items.append(
+            {
+                "term": "Anti-aliasing",
+                "value": f"÷ {_digits(off['rmse'] / on['rmse'])}",
+                "text": f"noise in the penumbra with {PIXEL_SAMPLES} pixel samples; the root of "
+                f"{PIXEL_SAMPLES} is {math.sqrt(PIXEL_SAMPLES):g}",
+                "tone": "",
+            }
+        )
+    best = max(data.speedup["rows"], key=lambda row: row["threads"])
+    items.append(
+        {
+            "term": "Threads",
+            "value": f"× {_digits(best['speedup'])}",
+            "text": f"speed with {best['threads']} threads instead of one",
+            "tone": "",
+        }
+    )
+    return items
+
+
+# Words and numbers
+
+
+def _label(image: Image) -> str:
+    """What an image is, from its header: "C, N = 64"."""
+    if _is_cycles(image):
+        return "Cycles"
+    return f"C, {_samples(image)}"
+
+
+def _samples(image: Image) -> str:
+    n, m = image.attributes.get("lightSamples", "?"), image.attributes.get("pixelSamples", 1)
+    return f"N = {n}" + (f", M = {m}" if m != 1 else "")
+
+
+def _is_cycles(image: Image) -> bool:
+    return "parts" in image.attributes or "cycles" in str(image.attributes.get("software", "")).lower()
+
+
+def _facts(image: Image) -> str:
+    a = image.attributes
+    seconds = a.get("renderSeconds")
+    facts = [
+        f"scene {a.get('sceneName', '?')}",
+        f"N = {a.get('lightSamples', '?')}, M = {a.get('pixelSamples', '?')}",
+        f"seed {a.get('seed', '?')}",
+        f"{a.get('software', '?')}",
+        f"{_digits(seconds)} s" if isinstance(seconds, float) else "",
+    ]
+    return " · ".join(fact for fact in facts if fact)
+
+
+def _command(data: Data, file: str) -> str:
+    """What remakes an image, with the samples, seed and size of its header."""
+    item = next(i for i in IMAGES if i.file == file)
+    image = data.images[file]
+    if _is_cycles(image):
+        return item.command
+    a, scene = image.attributes, data.scenes[item.scene]
+    size = ""
+    if image.shape != (scene.height, scene.width):
+        size = f" --width {image.shape[1]} --height {image.shape[0]}"
+    return (
+        f"build/bin/penumbra-render scenes/{item.scene}.json --light-samples {a['lightSamples']} "
+        f"--pixel-samples {a['pixelSamples']} --seed {a['seed']}{size} -o build/{file}"
+    )
+
+
+def _name(data: Data, text: str) -> str:
+    """A file named in agreement.json, in words where the page knows it."""
+    for file, image in data.images.items():
+        if text.replace("\\", "/").endswith(file):
+            return _label(image)
+    return text
+
+
+def _renderer(label: str) -> str:
+    return RENDERERS.get(label, label)
+
+
+def _digits(value: float | None, digits: int = 3) -> str:
+    """
+    >>> _digits(0.0123456), _digits(-12345.0), _digits(0.0), _digits(None)
+    ('0.0123', '−12300', '0', '–')
+    """
+    if value is None:
+        return "–"
+    if value == 0 or not math.isfinite(value):
+        return {0: "0", math.inf: "∞", -math.inf: "−∞"}.get(value, "–")
+    rounded = float(f"{value:.{digits}g}")
+    if 1e-4 <= abs(rounded) < 1e6:
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+        return f"{rounded:.{decimals}f}".replace("-", "−")
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    superscript = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{mantissa} × 10{superscript}".replace("-", "−")
+
+
+def _fixed(value: float | None, decimals: int = 3) -> str:
+    return "–" if value is None else f"{value:.{decimals}f}".replace("-", "−")
+
+
+def _signed_percent(value: float | None) -> str:
+    """
+    >>> _signed_percent(-0.000123)
+    '−0.012'
+    """
+    return "–" if value is None else f"{100 * value:+.3f}".replace("-", "−")
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.4g} %"
+
+
+def _times(factor: float, value: float | None) -> float | None:
+    return None if value is None else factor * value
+
+
+def _interval(low: float | None, high: float | None, text: Callable[[float], str]) -> str:
+    return "–" if low is None or high is None else f"[{text(low)}, {text(high)}]"
+
+
+def _with_interval(point: dict[str, Any]) -> str:
+    return f"{_digits(point['rmse'])} {_interval(point['low'], point['high'], _digits)}"
