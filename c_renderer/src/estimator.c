@@ -14,23 +14,28 @@ static Rgb contribution(const Scene *scene, const Hit *hit, LightSample sample)
     return rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface);
 }
 
-Estimate direct_lighting(const Scene *scene, const Hit *hit, int nb_light_samples,
+Estimate light_estimate(const Scene *scene, int light, const Hit *hit, const PointSet *points,
+                        RngStream stream)
+{
+    const Light *from = &scene->lights[light];
+    int nb_samples = light_is_surface(from) ? points->count : 1;
+
+    Moments moments = {0};
+    for (int s = 0; s < nb_samples; s++) {
+        Uniform2 random = point_set_get(points, stream, (uint32_t)s, (uint32_t)light + 1);
+        LightSample sample = light_sample(from, hit->point, random);
+        moments_add(&moments, contribution(scene, hit, sample));
+    }
+    return moments_estimate(&moments);
+}
+
+Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *points,
                          RngStream stream)
 {
     Estimate total = {0};
-    for (int i = 0; i < scene->nb_lights; i++) {
-        const Light *light = &scene->lights[i];
-        int nb_samples = light_is_surface(light) ? nb_light_samples : 1;
-
-        Moments moments = {0};
-        for (int s = 0; s < nb_samples; s++) {
-            Uniform2 random = rng_uniform2(stream, (uint32_t)s, (uint32_t)i + 1);
-            LightSample sample = light_sample(light, hit->point, random);
-            moments_add(&moments, contribution(scene, hit, sample));
-        }
-
-        Estimate mean = moments_estimate(&moments); /* over the samples of this light ... */
-        total.radiance = rgb_add(total.radiance, mean.radiance); /* ... summed over lights */
+    for (int light = 0; light < scene->nb_lights; light++) {
+        Estimate mean = light_estimate(scene, light, hit, points, stream);
+        total.radiance = rgb_add(total.radiance, mean.radiance);
         total.variance = rgb_add(total.variance, mean.variance);
     }
     return total;

@@ -2,7 +2,7 @@
 #ifndef PENUMBRA_ESTIMATOR_H
 #define PENUMBRA_ESTIMATOR_H
 
-#include "rng.h"
+#include "sampling.h"
 #include "scene.h"
 
 /* An estimate and how far it may be off. */
@@ -11,10 +11,13 @@ typedef struct {
     Rgb variance; /* of that mean, from the scatter of its samples; 0 where there is but one */
 } Estimate;
 
-/* The lab's DirectLightingIntegrator::Li after the hit is known. Every surface light gets
- * nb_light_samples (>= 1) shadow rays, every other light one. */
-Estimate direct_lighting(const Scene *scene, const Hit *hit, int nb_light_samples,
+/* The lab's DirectLightingIntegrator::Li after the hit is known: the sum over all lights. */
+Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *points,
                          RngStream stream);
+
+/* One light's part: the mean over points->count shadow rays, or one ray to a point light. */
+Estimate light_estimate(const Scene *scene, int light, const Hit *hit, const PointSet *points,
+                        RngStream stream);
 
 /* The mean of `count` values and the variance of that mean, from their sums. */
 typedef struct {

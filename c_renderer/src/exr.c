@@ -9,7 +9,7 @@
 #include <openexr.h>
 
 
-/* Alphabetical, as the format wants them: channel i is component i % 3 of its buffer below. */
+/* Alphabetical, as the format wants them: channel i is plane 2 - i % 3 of its buffer below. */
 static const char *const CHANNELS[6] = {"B",          "G",          "R",
                                         "variance.B", "variance.G", "variance.R"};
 
@@ -38,7 +38,11 @@ static exr_result_t write_header(exr_context_t exr, const Scene *scene,
     if (!result)
         result = exr_attr_set_string(exr, part, "seed", seed);
     if (!result)
-        result = exr_attr_set_string(exr, part, "sampler", "independent");
+        result = exr_attr_set_string(exr, part, "sampler",
+                                     RENDER_SAMPLER_NAMES[settings->sampler]);
+    if (!result)
+        result = exr_attr_set_string(exr, part, "estimator",
+                                     RENDER_ESTIMATOR_NAMES[settings->estimator]);
     if (!result)
         result = exr_attr_set_int(exr, part, "threads", settings->threads);
     if (!result)
@@ -48,10 +52,11 @@ static exr_result_t write_header(exr_context_t exr, const Scene *scene,
     return result ? result : exr_write_header(exr);
 }
 
-/* One chunk of rows: OpenEXR takes the pixels from our buffers as they lie there. */
-static exr_result_t write_rows(exr_context_t exr, int y, int width, const float *radiance,
-                               const float *variance)
+/* One chunk of rows: OpenEXR takes the pixels from our planes as they lie there. */
+static exr_result_t write_rows(exr_context_t exr, int y, const RenderSettings *settings,
+                               const float *radiance, const float *variance)
 {
+    const size_t width = (size_t)settings->width, plane = width * (size_t)settings->height;
     exr_chunk_info_t chunk;
     exr_encode_pipeline_t encoder = EXR_ENCODE_PIPELINE_INITIALIZER;
     exr_result_t result = exr_write_scanline_chunk_info(exr, 0, y, &chunk);
@@ -60,11 +65,11 @@ static exr_result_t write_rows(exr_context_t exr, int y, int width, const float 
     if (result)
         return result;
     for (int c = 0; c < encoder.channel_count; c++) {
-        const float *buffer = c < 3 ? radiance : variance;
-        const float *first = buffer + 3 * (size_t)y * (size_t)width + (size_t)(2 - c % 3);
+        const float *planes = c < 3 ? radiance : variance;
+        const float *first = planes + (size_t)(2 - c % 3) * plane + (size_t)y * width;
         encoder.channels[c].encode_from_ptr = (const uint8_t *)first;
-        encoder.channels[c].user_pixel_stride = 3 * sizeof(float);
-        encoder.channels[c].user_line_stride = width * 3 * (int32_t)sizeof(float);
+        encoder.channels[c].user_pixel_stride = sizeof(float);
+        encoder.channels[c].user_line_stride = settings->width * (int32_t)sizeof(float);
     }
     result = exr_encoding_choose_default_routines(exr, 0, &encoder);
     if (!result)
@@ -103,7 +108,7 @@ bool exr_write(const char *file, const Scene *scene, const RenderSettings *setti
         if (!result)
             result = exr_get_scanlines_per_chunk(exr, 0, &rows);
         for (int y = 0; y < settings->height && !result; y += rows)
-            result = write_rows(exr, y, settings->width, radiance, variance);
+            result = write_rows(exr, y, settings, radiance, variance);
         exr_result_t closed = exr_finish(&exr);
         result = result ? result : closed;
     }

@@ -1,220 +1,128 @@
 #include "kernel.h"
 
+#include <stdbool.h>
 #include <string.h>
 
+#include "estimator.h"
+
+/* The sample loop is written once and compiled for each combination of its constant arguments;
+ * the compiler is asked to do so, and is right without. */
 #if defined(__GNUC__)
-#define ALWAYS_INLINE inline __attribute__((always_inline))
+#define FOR_EACH_COMBINATION inline __attribute__((always_inline))
 #else
-#define ALWAYS_INLINE inline
+#define FOR_EACH_COMBINATION inline
 #endif
-#define SIMD _Pragma("omp simd simdlen(16)")
 
 enum {
-    MAX_OCCLUDERS = 4, /* spheres that one block tests for each sample; more: the textbook */
-    CHUNK = 256        /* samples summed in float before they join a double */
+    MAX_OCCLUDERS = 4, /* spheres that the sample loop tests; packets with more go to estimator.c */
+    CHUNK = 256        /* samples that are summed in float before they join a double */
 };
 
-/* ---- camera rays ---- */
-
-HitBlock kernel_hit(const Scene *scene, Vec3 origin, const Vec3Block *directions)
-{
-    HitBlock hits;
-    real nearest[LANES];
-    Vec3Block center = {{0}, {0}, {0}}; /* of the sphere hit so far */
-    SIMD for (int i = 0; i < LANES; i++)
-    {
-        nearest[i] = scene->ray_max_distance;
-        hits.object[i] = SCENE_NOTHING;
-        hits.brdf.x[i] = hits.brdf.y[i] = hits.brdf.z[i] = 0;
-        hits.normal.x[i] = hits.normal.y[i] = hits.normal.z[i] = 0;
-    }
-    for (int s = 0; s < scene->nb_spheres; s++) {
-        const Sphere sphere = scene->spheres[s];
-        const Vec3 to_origin = vec3_sub(origin, sphere.center);
-        const real radius_squared = sphere.radius * sphere.radius;
-        const real outside = vec3_dot(to_origin, to_origin) - radius_squared;
-        SIMD for (int i = 0; i < LANES; i++)
-        {
-            real dx = directions->x[i], dy = directions->y[i], dz = directions->z[i];
-            real along = to_origin.x * dx + to_origin.y * dy + to_origin.z * dz;
-            real px = to_origin.x - dx * along, py = to_origin.y - dy * along,
-                 pz = to_origin.z - dz * along;
-            real discriminant = radius_squared - (px * px + py * py + pz * pz);
-            real half_chord = sqrtf(discriminant > 0 ? discriminant : 0);
-            /* shape.c's sphere_hit: outside / (half_chord - along), or the far wall */
-            real near_root = outside / (half_chord - along);
-            real far_root = half_chord - along;
-            real distance = outside < 0 ? far_root : near_root;
-            int hit = (discriminant >= 0) & ((outside < 0) | (along < 0)) & (distance > 0) &
-                      (distance < nearest[i]);
-            nearest[i] = hit ? distance : nearest[i];
-            hits.object[i] = hit ? s : hits.object[i];
-            center.x[i] = hit ? sphere.center.x : center.x[i];
-            center.y[i] = hit ? sphere.center.y : center.y[i];
-            center.z[i] = hit ? sphere.center.z : center.z[i];
-            hits.brdf.x[i] = hit ? sphere.brdf.r : hits.brdf.x[i];
-            hits.brdf.y[i] = hit ? sphere.brdf.g : hits.brdf.y[i];
-            hits.brdf.z[i] = hit ? sphere.brdf.b : hits.brdf.z[i];
-        }
-    }
-    for (int p = 0; p < scene->nb_planes; p++) {
-        const Plane plane = scene->planes[p];
-        const int object = scene->nb_spheres + p;
-        const real height = vec3_dot(plane.normal, vec3_sub(plane.point, origin));
-        SIMD for (int i = 0; i < LANES; i++)
-        {
-            real approach = plane.normal.x * directions->x[i] +
-                            plane.normal.y * directions->y[i] +
-                            plane.normal.z * directions->z[i];
-            real distance = height / approach; /* parallel: inf or NaN, no hit */
-            int hit = (distance > 0) & (distance < nearest[i]);
-            nearest[i] = hit ? distance : nearest[i];
-            hits.object[i] = hit ? object : hits.object[i];
-            hits.normal.x[i] = hit ? plane.normal.x : hits.normal.x[i];
-            hits.normal.y[i] = hit ? plane.normal.y : hits.normal.y[i];
-            hits.normal.z[i] = hit ? plane.normal.z : hits.normal.z[i];
-            hits.brdf.x[i] = hit ? plane.brdf.r : hits.brdf.x[i];
-            hits.brdf.y[i] = hit ? plane.brdf.g : hits.brdf.y[i];
-            hits.brdf.z[i] = hit ? plane.brdf.b : hits.brdf.z[i];
-        }
-    }
-    const int nb_spheres = scene->nb_spheres;
-    SIMD for (int i = 0; i < LANES; i++)
-    {
-        real dx = directions->x[i], dy = directions->y[i], dz = directions->z[i];
-        real x = origin.x + dx * nearest[i], y = origin.y + dy * nearest[i],
-             z = origin.z + dz * nearest[i];
-        int on_sphere = (hits.object[i] >= 0) & (hits.object[i] < nb_spheres);
-        real rx = x - center.x[i], ry = y - center.y[i], rz = z - center.z[i];
-        real length_squared = rx * rx + ry * ry + rz * rz;
-        real scale = 1 / sqrtf(on_sphere ? length_squared : 1);
-        real nx = on_sphere ? rx * scale : hits.normal.x[i];
-        real ny = on_sphere ? ry * scale : hits.normal.y[i];
-        real nz = on_sphere ? rz * scale : hits.normal.z[i];
-        real flip = nx * dx + ny * dy + nz * dz > 0 ? -1.0f : 1.0f;
-        hits.point.x[i] = x;
-        hits.point.y[i] = y;
-        hits.point.z[i] = z;
-        hits.normal.x[i] = nx * flip;
-        hits.normal.y[i] = ny * flip;
-        hits.normal.z[i] = nz * flip;
-    }
-    return hits;
-}
-
-/* ---- one quad light, seen from 16 points ----
+/* A quad light as sixteen points see it.
  *
- * In the light's frame (e1 along u, e2, normal) the sample (s, t) lies at
- *     w = (wx, wy, h),   wx = cx + s ux + t vx,   wy = cy + t vy
- * from the point, with h the same for all samples. With w not normalised, eq. 5 is
+ * In the light's frame (e1 along u, e2, normal) the sample (s, t) lies from the point at
+ *     w = (wx, wy, h),   wx = cx + s ux + t vx,   wy = cy + t vy,
+ * with one height h for all samples. With w not normalised, eq. 5 of docs/estimator.md is
  *     f_r L_e A h (n . w) / |w|^4
- * and needs no square root. A sphere about C with radius r hides w if (w . C')^2 > |w|^2 and
- * w . C' > 0, where C' = C / sqrt(|C|^2 - r^2). */
+ * and needs no square root. A sphere about C (from the point) with radius r hides the direction
+ * w if w . C' > 0 and (w . C')^2 > |w|^2, where C' = C / sqrt(|C|^2 - r^2): eq. 6. */
 typedef struct {
+    real ux, vx, vy;
     real cx[LANES], cy[LANES], h_squared[LANES];
     real nx[LANES], ny[LANES], nh[LANES]; /* n . w = nx wx + ny wy + nh */
+    int nb_occluders;
     real sphere_x[MAX_OCCLUDERS][LANES], sphere_y[MAX_OCCLUDERS][LANES];
     real sphere_h[MAX_OCCLUDERS][LANES]; /* w . C', likewise */
-    uint32_t shift_x[LANES], shift_y[LANES];
-    real scale[LANES];  /* A h, 0 in lanes that get no light */
-    real ux, vx, vy;
-    int nb_occluders;
-    bool below_horizon; /* of some lane's light: its cosine needs the clamp */
-} LightBlock;
+    real scale[LANES];                   /* A h; 0 in lanes without light */
+    bool crosses_horizon;                /* in some lane n . w changes sign: clamp it */
+} LightPacket;
 
-typedef enum { POINTS_TABLE, POINTS_LANES } PointSource;
-
-/* Points of one chunk: for all lanes alike (table, before the shift) or lane by lane. */
+/* Where the samples lie: the same table for all lanes, shifted digitally, or lane by lane. */
 typedef struct {
     const uint32_t *table_x, *table_y;
-    const real (*lane_x)[LANES], (*lane_y)[LANES];
-} Points;
-
-/* The sum, and the sum of squares, of (n . w) / |w|^4 over the visible samples of a chunk.
- * Everything but block, points and count is a constant at each call: one loop each. */
-static ALWAYS_INLINE void sum_samples(const LightBlock *restrict block, Points points, int count,
-                               PointSource source, int nb_occluders, bool clamp,
-                               bool squares, real *restrict sum, real *restrict sum_of_squares)
-{
-    real cx[LANES], cy[LANES], h_squared[LANES], nx[LANES], ny[LANES], nh[LANES];
-    real sphere_x[MAX_OCCLUDERS][LANES], sphere_y[MAX_OCCLUDERS][LANES];
-    real sphere_h[MAX_OCCLUDERS][LANES];
     uint32_t shift_x[LANES], shift_y[LANES];
-    real total[LANES] = {0}, total_of_squares[LANES] = {0};
-    const real ux = block->ux, vx = block->vx, vy = block->vy;
-    memcpy(cx, block->cx, sizeof cx);
-    memcpy(cy, block->cy, sizeof cy);
-    memcpy(h_squared, block->h_squared, sizeof h_squared);
-    memcpy(nx, block->nx, sizeof nx);
-    memcpy(ny, block->ny, sizeof ny);
-    memcpy(nh, block->nh, sizeof nh);
-    memcpy(shift_x, block->shift_x, sizeof shift_x);
-    memcpy(shift_y, block->shift_y, sizeof shift_y);
-    for (int k = 0; k < nb_occluders; k++) {
-        memcpy(sphere_x[k], block->sphere_x[k], sizeof sphere_x[k]);
-        memcpy(sphere_y[k], block->sphere_y[k], sizeof sphere_y[k]);
-        memcpy(sphere_h[k], block->sphere_h[k], sizeof sphere_h[k]);
-    }
+    real x[CHUNK][LANES], y[CHUNK][LANES];
+} PointPacket;
+
+typedef struct {
+    real sum[LANES], sum_of_squares[LANES];
+} SumPacket;
+
+/* ---- the sample loop ---- */
+
+/* Sums (n . w) / |w|^4 over the visible ones of `count` samples. */
+static FOR_EACH_COMBINATION void sum_samples(const LightPacket *restrict light,
+                                             const PointPacket *restrict points, int count,
+                                             SumPacket *restrict result, bool table,
+                                             bool clamp, int nb_occluders)
+{
+    const LightPacket l = *light;
+    const real ux = l.ux, vx = l.vx, vy = l.vy;
+    uint32_t shift_x[LANES], shift_y[LANES];
+    memcpy(shift_x, points->shift_x, sizeof shift_x);
+    memcpy(shift_y, points->shift_y, sizeof shift_y);
+    real sum[LANES] = {0}, sum_of_squares[LANES] = {0};
     for (int j = 0; j < count; j++) {
         SIMD for (int i = 0; i < LANES; i++)
         {
-            real s, t;
-            if (source == POINTS_TABLE) { /* in [1, 2); the block's corner makes up for it */
-                s = sobol_to_one_two(points.table_x[j] ^ shift_x[i]);
-                t = sobol_to_one_two(points.table_y[j] ^ shift_y[i]);
-            } else {
-                s = points.lane_x[j][i];
-                t = points.lane_y[j][i];
-            }
-            real wx = cx[i] + s * ux + t * vx;
-            real wy = cy[i] + t * vy;
-            real distance_squared = wx * wx + (wy * wy + h_squared[i]);
-            real n_w = nx[i] * wx + (ny[i] * wy + nh[i]);
+            /* table points are in [1, 2): see_light has moved the corner back by u + v */
+            real s = table ? (real)sobol_to_one_two(points->table_x[j] ^ shift_x[i])
+                           : points->x[j][i];
+            real t = table ? (real)sobol_to_one_two(points->table_y[j] ^ shift_y[i])
+                           : points->y[j][i];
+            real wx = l.cx[i] + s * ux + t * vx;
+            real wy = l.cy[i] + t * vy;
+            real distance_squared = wx * wx + (wy * wy + l.h_squared[i]);
+            real n_w = l.nx[i] * wx + (l.ny[i] * wy + l.nh[i]);
             if (clamp)
                 n_w = n_w > 0 ? n_w : 0;
             real inverse = 1 / distance_squared;
             real value = n_w * (inverse * inverse);
             for (int k = 0; k < nb_occluders; k++) {
-                real along = sphere_x[k][i] * wx + (sphere_y[k][i] * wy + sphere_h[k][i]);
-                value = along * fabsf(along) > distance_squared ? 0 : value;
+                real along = l.sphere_x[k][i] * wx + (l.sphere_y[k][i] * wy + l.sphere_h[k][i]);
+                value = along * fabs(along) > distance_squared ? 0 : value;
             }
-            total[i] += value;
-            if (squares)
-                total_of_squares[i] += value * value;
+            sum[i] += value;
+            if (!table)
+                sum_of_squares[i] += value * value;
         }
     }
-    memcpy(sum, total, sizeof total);
-    memcpy(sum_of_squares, total_of_squares, sizeof total_of_squares);
+    memcpy(result->sum, sum, sizeof sum);
+    memcpy(result->sum_of_squares, sum_of_squares, sizeof sum_of_squares);
 }
 
-static void sum_chunk(const LightBlock *block, Points points, int count, PointSource source,
-                      bool squares, real *sum, real *sum_of_squares)
+static void sum_chunk(const LightPacket *light, const PointPacket *points, int count,
+                      SumPacket *result)
 {
-#define CASE(OCCLUDERS)                                                                        \
-    case OCCLUDERS:                                                                            \
-        if (source == POINTS_TABLE && block->below_horizon)                                    \
-            sum_samples(block, points, count, POINTS_TABLE, OCCLUDERS, true, false, sum,       \
-                        sum_of_squares);                                                       \
-        else if (source == POINTS_TABLE)                                                       \
-            sum_samples(block, points, count, POINTS_TABLE, OCCLUDERS, false, false, sum,      \
-                        sum_of_squares);                                                       \
-        else if (block->below_horizon)                                                         \
-            sum_samples(block, points, count, POINTS_LANES, OCCLUDERS, true, true, sum,        \
-                        sum_of_squares);                                                       \
+    const bool table = points->table_x, clamp = light->crosses_horizon;
+#define OCCLUDERS(N)                                                                           \
+    case N:                                                                                    \
+        if (table && clamp)                                                                    \
+            sum_samples(light, points, count, result, true, true, N);                          \
+        else if (table)                                                                        \
+            sum_samples(light, points, count, result, true, false, N);                         \
+        else if (clamp)                                                                        \
+            sum_samples(light, points, count, result, false, true, N);                         \
         else                                                                                   \
-            sum_samples(block, points, count, POINTS_LANES, OCCLUDERS, false, true, sum,       \
-                        sum_of_squares);                                                       \
+            sum_samples(light, points, count, result, false, false, N);                        \
         break;
-    (void)squares;
-    switch (block->nb_occluders) {
-        CASE(0)
-        CASE(1)
-        CASE(2)
-        CASE(3)
-        CASE(4)
+    switch (light->nb_occluders) {
+        OCCLUDERS(0)
+        OCCLUDERS(1)
+        OCCLUDERS(2)
+        OCCLUDERS(3)
+        OCCLUDERS(4)
     }
-#undef CASE
+#undef OCCLUDERS
 }
+
+/* ---- what lies between the points and the light ---- */
+
+typedef enum {
+    SEEN_NOT,     /* no lane gets any light, surely */
+    SEEN_SAMPLED, /* the sample loop's case */
+    SEEN_STRANGE  /* a case that the sample loop does not know: estimator.c does */
+} Seen;
 
 static int count_lanes(const int flags[LANES])
 {
@@ -224,261 +132,325 @@ static int count_lanes(const int flags[LANES])
     return count;
 }
 
-typedef enum { VIEW_DARK, VIEW_SAMPLED, VIEW_TEXTBOOK } View;
-
-/* What lies between 16 points and a light. DARK: no lane gets any light, surely. TEXTBOOK: a
- * case that the sample loop does not know. */
-static View light_view(const Scene *scene, const QuadLight *light, const HitBlock *restrict hits,
-                       bool in_one_two, LightBlock *restrict block)
+/* The light's frame and the points in it; lit: lanes that may get light. */
+static void see_quad(const QuadLight *quad, Vec3 e1, Vec3 e2, const HitPacket *restrict hits,
+                     LightPacket *restrict light, real height[LANES], int lit[LANES])
 {
-    const real u_length = sqrtf(vec3_dot(light->edge_u, light->edge_u));
-    const Vec3 e1 = vec3_scale(light->edge_u, 1 / u_length);
-    const Vec3 n = light->normal;
-    const Vec3 e2 = {n.y * e1.z - n.z * e1.y, n.z * e1.x - n.x * e1.z, n.x * e1.y - n.y * e1.x};
-    const real ux = u_length, vx = vec3_dot(light->edge_v, e1), vy = vec3_dot(light->edge_v, e2);
-    block->ux = ux;
-    block->vx = vx;
-    block->vy = vy;
-
-    real corner_x[LANES], corner_y[LANES], height[LANES], low[LANES], high[LANES];
+    const Vec3 n = quad->normal, corner = quad->corner;
+    const real ux = light->ux, vx = light->vx, vy = light->vy, area = quad->area;
+    real low[LANES], high[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
-        real dx = light->corner.x - hits->point.x[i], dy = light->corner.y - hits->point.y[i],
-             dz = light->corner.z - hits->point.z[i];
+        real dx = corner.x - hits->point.x[i], dy = corner.y - hits->point.y[i],
+             dz = corner.z - hits->point.z[i];
+        real normal_x = hits->normal.x[i], normal_y = hits->normal.y[i],
+             normal_z = hits->normal.z[i];
         real cx = dx * e1.x + dy * e1.y + dz * e1.z;
         real cy = dx * e2.x + dy * e2.y + dz * e2.z;
         real h = dx * n.x + dy * n.y + dz * n.z;
-        real nx = hits->normal.x[i] * e1.x + hits->normal.y[i] * e1.y + hits->normal.z[i] * e1.z;
-        real ny = hits->normal.x[i] * e2.x + hits->normal.y[i] * e2.y + hits->normal.z[i] * e2.z;
-        real nz = hits->normal.x[i] * n.x + hits->normal.y[i] * n.y + hits->normal.z[i] * n.z;
-        /* n . w is linear: its extremes are at the corners */
+        real nx = normal_x * e1.x + normal_y * e1.y + normal_z * e1.z;
+        real ny = normal_x * e2.x + normal_y * e2.y + normal_z * e2.z;
+        real nz = normal_x * n.x + normal_y * n.y + normal_z * n.z;
+        /* n . w is linear in s and t: its extremes are at the corners */
         real along_u = nx * ux, along_v = nx * vx + ny * vy;
         real middle = nx * cx + ny * cy + nz * h + 0.5f * (along_u + along_v);
-        real spread = 0.5f * (fabsf(along_u) + fabsf(along_v));
+        real spread = 0.5f * (fabs(along_u) + fabs(along_v));
         low[i] = middle - spread;
         high[i] = middle + spread;
-        corner_x[i] = cx;
-        corner_y[i] = cy;
         height[i] = h;
-        block->nx[i] = nx;
-        block->ny[i] = ny;
-        block->nh[i] = nz * h;
-        block->h_squared[i] = h * h;
-        block->scale[i] = light->area * h;
+        light->cx[i] = cx;
+        light->cy[i] = cy;
+        light->h_squared[i] = h * h;
+        light->nx[i] = nx;
+        light->ny[i] = ny;
+        light->nh[i] = nz * h;
+        light->scale[i] = area * h;
     }
-    int lit[LANES], clamped[LANES];
+    int clamp[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
         lit[i] = (hits->object[i] >= 0) & (height[i] > 0) & (high[i] > 0);
-        clamped[i] = lit[i] & (low[i] <= 0);
+        clamp[i] = lit[i] & (low[i] <= 0);
     }
     SIMD for (int i = 0; i < LANES; i++)
     {
-        block->h_squared[i] = lit[i] ? block->h_squared[i] : 1; /* any finite sum will do */
-        block->scale[i] = lit[i] ? block->scale[i] : 0;
+        light->h_squared[i] = lit[i] ? light->h_squared[i] : 1; /* any finite sum will do */
+        light->scale[i] = lit[i] ? light->scale[i] : 0;
     }
-    const int nb_lit = count_lanes(lit);
-    if (!nb_lit)
-        return VIEW_DARK;
-    block->below_horizon = count_lanes(clamped) > 0;
-    block->nb_occluders = 0;
-
-    for (int k = 0; k < scene->nb_spheres; k++) {
-        const Sphere sphere = scene->spheres[k];
-        const real r = sphere.radius, r_squared = r * r;
-        int candidate[LANES], strange[LANES], hidden[LANES];
-        real sphere_x[LANES], sphere_y[LANES], sphere_h[LANES];
-        SIMD for (int i = 0; i < LANES; i++)
-        {
-            real dx = sphere.center.x - hits->point.x[i], dy = sphere.center.y - hits->point.y[i],
-                 dz = sphere.center.z - hits->point.z[i];
-            real x = dx * e1.x + dy * e1.y + dz * e1.z;
-            real y = dx * e2.x + dy * e2.y + dz * e2.z;
-            real z = dx * n.x + dy * n.y + dz * n.z;
-            real distance_squared = x * x + y * y + z * z;
-            int own = hits->object[i] == k;
-            /* From outside a sphere its own surface is below the horizon. */
-            int inwards = dx * hits->normal.x[i] + dy * hits->normal.y[i] +
-                              dz * hits->normal.z[i] > 0;
-            int outside = distance_squared > r_squared;
-
-            /* The light's four sides, seen from the point, are planes through it: a sphere
-             * wholly beyond one of them hides nothing. Rounding is given 1e-4 of its size. */
-            real h = height[i], x0 = corner_x[i], y0 = corner_y[i];
-            real margin = r * 1.0001f + 1e-5f * (fabsf(x) + fabsf(y) + fabsf(z));
-            real below = h * y - y0 * z, above = (y0 + vy) * z - h * y;
-            real below_norm = h * h + y0 * y0, above_norm = h * h + (y0 + vy) * (y0 + vy);
-            /* side through the corner along v = (vx, vy, 0): normal v x corner */
-            real lx = vy * h, ly = -vx * h, lz = vx * y0 - vy * x0;
-            real left = lx * x + ly * y + lz * z;
-            real rz = lz - vy * ux;
-            real right = -(lx * x + ly * y + rz * z);
-            real left_norm = lx * lx + ly * ly + lz * lz, right_norm = lx * lx + ly * ly + rz * rz;
-            real m2 = margin * margin;
-            int apart = ((below < 0) & (below * below > m2 * below_norm)) |
-                        ((above < 0) & (above * above > m2 * above_norm)) |
-                        ((left < 0) & (left * left > m2 * left_norm)) |
-                        ((right < 0) & (right * right > m2 * right_norm)) | (z - margin > h) |
-                        (z + margin < 0);
-            candidate[i] = lit[i] & (1 - apart) & (1 - (own & (1 - inwards)));
-            strange[i] = candidate[i] & ((own & inwards) | (1 - outside) | (z + margin > h));
-            int tested = candidate[i] & outside;
-            real scale = 1 / sqrtf(tested ? distance_squared - r_squared : 1);
-            x = tested ? x * scale : 0;
-            y = tested ? y * scale : 0;
-            real along_h = tested ? z * scale * h : 0;
-            /* wholly hidden: the cone is convex, so four hidden corners hide all */
-            real hide = 1;
-            for (int c = 0; c < 4; c++) {
-                real wx = x0 + (c & 1 ? ux : 0) + (c & 2 ? vx : 0), wy = y0 + (c & 2 ? vy : 0);
-                real along = x * wx + y * wy + along_h;
-                real slack = along * fabsf(along) - 1.0001f * (wx * wx + wy * wy + h * h);
-                hide = slack < hide ? slack : hide;
-            }
-            hidden[i] = tested & (hide > 0);
-            sphere_x[i] = x;
-            sphere_y[i] = y;
-            sphere_h[i] = along_h;
-        }
-        if (!count_lanes(candidate))
-            continue;
-        if (count_lanes(strange) || block->nb_occluders == MAX_OCCLUDERS)
-            return VIEW_TEXTBOOK;
-        if (count_lanes(hidden) == nb_lit)
-            return VIEW_DARK;
-        {
-            memcpy(block->sphere_x[block->nb_occluders], sphere_x, sizeof sphere_x);
-            memcpy(block->sphere_y[block->nb_occluders], sphere_y, sizeof sphere_y);
-            memcpy(block->sphere_h[block->nb_occluders], sphere_h, sizeof sphere_h);
-            block->nb_occluders++;
-        }
-    }
-
-    /* A plane hides the light from the points on its other side. */
-    for (int p = 0; p < scene->nb_planes; p++) {
-        const Plane plane = scene->planes[p];
-        const Vec3 a = vec3_sub(light->corner, plane.point);
-        const real at_corner = vec3_dot(plane.normal, a);
-        const real along_u = vec3_dot(plane.normal, light->edge_u);
-        const real along_v = vec3_dot(plane.normal, light->edge_v);
-        const real low = at_corner + fminf(along_u, 0) + fminf(along_v, 0);
-        const real high = at_corner + fmaxf(along_u, 0) + fmaxf(along_v, 0);
-        const int own = scene->nb_spheres + p;
-        int crossed[LANES];
-        SIMD for (int i = 0; i < LANES; i++)
-        {
-            real side = plane.normal.x * (hits->point.x[i] - plane.point.x) +
-                        plane.normal.y * (hits->point.y[i] - plane.point.y) +
-                        plane.normal.z * (hits->point.z[i] - plane.point.z);
-            int free_side = ((side > 0) & (low > 0)) | ((side < 0) & (high < 0));
-            crossed[i] = lit[i] & (hits->object[i] != own) & (1 - free_side);
-        }
-        if (count_lanes(crossed))
-            return VIEW_TEXTBOOK;
-    }
-
-    /* Table points are in [1, 2): move the corner back by u + v. */
-    SIMD for (int i = 0; i < LANES; i++)
-    {
-        block->cx[i] = corner_x[i] - (in_one_two ? ux + vx : 0);
-        block->cy[i] = corner_y[i] - (in_one_two ? vy : 0);
-    }
-    return VIEW_SAMPLED;
+    light->crosses_horizon = count_lanes(clamp) > 0;
 }
 
-/* Random points of one chunk, lane by lane. */
-static void lane_points(const PointSet *set, const RngStream stream[LANES], int first, int count,
-                        uint32_t dimension, real x[][LANES], real y[][LANES])
+/* Adds the sphere to the light's occluders if it may hide any of it from some lane.
+ *
+ * Seen from the point, the light's four sides span planes; a sphere wholly beyond one of them
+ * hides nothing. Rounding errors are given room by a slightly larger sphere. */
+static Seen see_sphere(const Sphere *sphere, int object, Vec3 e1, Vec3 e2, Vec3 n,
+                       const HitPacket *restrict hits, const real height[LANES],
+                       const int lit[LANES], LightPacket *restrict light)
 {
-    const uint32_t seed_low = (uint32_t)stream[0].seed, seed_high = (uint32_t)(stream[0].seed >> 32);
-    const uint32_t pixel_sample = stream[0].pixel_sample;
-    uint32_t pixel[LANES];
-    for (int i = 0; i < LANES; i++)
-        pixel[i] = stream[i].pixel;
+    const Vec3 center = sphere->center;
+    const real r = sphere->radius, r_squared = r * r;
+    const real ux = light->ux, vx = light->vx, vy = light->vy;
+    real x[LANES], y[LANES], z[LANES], clearance[LANES], behind[LANES], gap[LANES];
+    real inwards[LANES];
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        real dx = center.x - hits->point.x[i], dy = center.y - hits->point.y[i],
+             dz = center.z - hits->point.z[i];
+        real cx = dx * e1.x + dy * e1.y + dz * e1.z;
+        real cy = dx * e2.x + dy * e2.y + dz * e2.z;
+        real cz = dx * n.x + dy * n.y + dz * n.z;
+        real h = height[i], x0 = light->cx[i], y0 = light->cy[i], y1 = y0 + vy;
+        real room = r * 1.0001f + 1e-5f * (fabs(cx) + fabs(cy) + fabs(cz));
+        /* signed distances beyond the sides along u (y = y0, y = y1) and along v */
+        real below = (y0 * cz - h * cy) / sqrt(h * h + y0 * y0);
+        real above = (h * cy - y1 * cz) / sqrt(h * h + y1 * y1);
+        real sx = vy * h, sy = -vx * h, sz = vx * y0 - vy * x0, sz1 = sz - vy * ux;
+        real left = -(sx * cx + sy * cy + sz * cz) / sqrt(sx * sx + sy * sy + sz * sz);
+        real right = (sx * cx + sy * cy + sz1 * cz) / sqrt(sx * sx + sy * sy + sz1 * sz1);
+        real apart = below > above ? below : above;
+        apart = left > apart ? left : apart;
+        apart = right > apart ? right : apart;
+        apart = -cz > apart ? -cz : apart;         /* behind the point */
+        apart = cz - h > apart ? cz - h : apart;   /* behind the light */
+        clearance[i] = room - apart;
+        behind[i] = cz + room - h;
+        gap[i] = cx * cx + cy * cy + cz * cz - r_squared;
+        inwards[i] = dx * hits->normal.x[i] + dy * hits->normal.y[i] + dz * hits->normal.z[i];
+        x[i] = cx;
+        y[i] = cy;
+        z[i] = cz;
+    }
+    int candidate[LANES], strange[LANES], test[LANES];
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        int own = hits->object[i] == object;
+        int inside = own & (inwards[i] > 0); /* from outside, the horizon hides one's own sphere */
+        candidate[i] = lit[i] & (clearance[i] >= 0) & (inside | (1 - own));
+        strange[i] = candidate[i] & (inside | (behind[i] > 0) | (gap[i] <= 0));
+        test[i] = candidate[i] & (gap[i] > 0);
+    }
+    if (!count_lanes(candidate))
+        return SEEN_SAMPLED;
+    if (count_lanes(strange) || light->nb_occluders == MAX_OCCLUDERS)
+        return SEEN_STRANGE;
+
+    const int k = light->nb_occluders++;
+    real hidden_by[LANES];
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        real scale = 1 / sqrt(gap[i]);
+        real h = height[i], x0 = light->cx[i], y0 = light->cy[i];
+        real sphere_x = test[i] ? x[i] * scale : 0;
+        real sphere_y = test[i] ? y[i] * scale : 0;
+        real sphere_h = test[i] ? z[i] * scale * h : 0;
+        /* four hidden corners hide all between them: the sphere's cone is convex */
+        real least = 1;
+        for (int corner = 0; corner < 4; corner++) {
+            real wx = x0 + (corner & 1 ? ux : 0) + (corner & 2 ? vx : 0);
+            real wy = y0 + (corner & 2 ? vy : 0);
+            real along = sphere_x * wx + sphere_y * wy + sphere_h;
+            real excess = along * fabs(along) - 1.0001f * (wx * wx + wy * wy + h * h);
+            least = excess < least ? excess : least;
+        }
+        hidden_by[i] = least;
+        light->sphere_x[k][i] = sphere_x;
+        light->sphere_y[k][i] = sphere_y;
+        light->sphere_h[k][i] = sphere_h;
+    }
+    int shown[LANES];
+    SIMD for (int i = 0; i < LANES; i++) shown[i] = lit[i] & (hidden_by[i] <= 0);
+    return count_lanes(shown) ? SEEN_SAMPLED : SEEN_NOT;
+}
+
+/* A plane hides the light from points on its other side. Those that it cuts are left alone. */
+static Seen see_plane(const Plane *plane, int object, const QuadLight *quad,
+                      const HitPacket *restrict hits, const int lit[LANES])
+{
+    const Vec3 n = plane->normal, p = plane->point;
+    const real at_corner = vec3_dot(n, vec3_sub(quad->corner, p));
+    const real along_u = vec3_dot(n, quad->edge_u), along_v = vec3_dot(n, quad->edge_v);
+    const real middle = at_corner + 0.5f * (along_u + along_v);
+    const real spread = 0.5f * (fabs(along_u) + fabs(along_v));
+    int other[LANES];
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        real side = n.x * (hits->point.x[i] - p.x) + n.y * (hits->point.y[i] - p.y) +
+                    n.z * (hits->point.z[i] - p.z);
+        int clear = ((side > 0) & (middle > spread)) | ((side < 0) & (-middle > spread));
+        other[i] = lit[i] & (hits->object[i] != object) & (1 - clear);
+    }
+    return count_lanes(other) ? SEEN_STRANGE : SEEN_SAMPLED;
+}
+
+static Seen see_light(const Scene *scene, const QuadLight *quad, const HitPacket *hits,
+                      LightPacket *light)
+{
+    const Vec3 n = quad->normal;
+    light->ux = sqrt(vec3_dot(quad->edge_u, quad->edge_u));
+    const Vec3 e1 = vec3_scale(quad->edge_u, 1 / light->ux);
+    const Vec3 e2 = {n.y * e1.z - n.z * e1.y, n.z * e1.x - n.x * e1.z, n.x * e1.y - n.y * e1.x};
+    light->vx = vec3_dot(quad->edge_v, e1);
+    light->vy = vec3_dot(quad->edge_v, e2);
+    light->nb_occluders = 0;
+
+    real height[LANES];
+    int lit[LANES];
+    see_quad(quad, e1, e2, hits, light, height, lit);
+    if (!count_lanes(lit))
+        return SEEN_NOT;
+    Seen seen = SEEN_SAMPLED;
+    for (int k = 0; k < scene->nb_spheres && seen == SEEN_SAMPLED; k++)
+        seen = see_sphere(&scene->spheres[k], k, e1, e2, n, hits, height, lit, light);
+    for (int k = 0; k < scene->nb_planes && seen == SEEN_SAMPLED; k++)
+        seen = see_plane(&scene->planes[k], scene->nb_spheres + k, quad, hits, lit);
+    return seen;
+}
+
+/* ---- all samples of one light ---- */
+
+/* Philox for all lanes; the counter's words but the pixel are theirs alike. */
+static void random_lanes(RngStream first, uint32_t block, uint32_t dimension,
+                         uint32_t word[4][LANES])
+{
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        RngBlock counter = {{first.pixel + (uint32_t)i, block, first.pixel_sample, dimension}};
+        RngBlock random = rng_philox4x32(counter, first.seed);
+        word[0][i] = random.word[0];
+        word[1][i] = random.word[1];
+        word[2][i] = random.word[2];
+        word[3][i] = random.word[3];
+    }
+}
+
+/* point_set_get for all lanes and samples first_sample .. first_sample + count - 1. */
+static void random_points(const PointSet *set, RngStream first, int first_sample, int count,
+                          uint32_t dimension, PointPacket *points)
+{
+    uint32_t word[4][LANES];
     for (int j = 0; j < count; j++) {
-        const uint32_t index = (uint32_t)(first + j);
+        const uint32_t index = (uint32_t)(first_sample + j);
+        if (index % 2 == 0) /* CHUNK is even */
+            random_lanes(first, index / 2, dimension, word);
+        const uint32_t *x = word[index % 2 * 2], *y = word[index % 2 * 2 + 1];
         SIMD for (int i = 0; i < LANES; i++)
         {
-            RngBlock random = rng_philox4x32((RngBlock){{pixel[i], index, pixel_sample, dimension}},
-                                             (uint64_t)seed_high << 32 | seed_low);
-            x[j][i] = (real)(random.word[0] >> 8) * 0x1p-24f;
-            y[j][i] = (real)(random.word[1] >> 8) * 0x1p-24f;
+            points->x[j][i] = rng_to_uniform(x[i]);
+            points->y[j][i] = rng_to_uniform(y[i]);
         }
         if (set->sampler == SAMPLER_JITTERED) {
-            uint32_t columns = (uint32_t)set->columns;
-            for (int i = 0; i < LANES; i++) {
-                x[j][i] = jitter(index % columns, x[j][i], set->columns);
-                y[j][i] = jitter(index / columns, y[j][i], set->rows);
+            const uint32_t column = index % (uint32_t)set->columns;
+            const uint32_t row = index / (uint32_t)set->columns;
+            SIMD for (int i = 0; i < LANES; i++)
+            {
+                points->x[j][i] = jitter(column, points->x[j][i], set->columns);
+                points->y[j][i] = jitter(row, points->y[j][i], set->rows);
             }
         }
     }
 }
 
-static void quad_lighting(const LightBlock *block, const PointSet *set,
-                          const RngStream stream[LANES], uint32_t dimension,
-                          double sum[LANES], double sum_of_squares[LANES])
+static void sum_light(LightPacket *light, const PointSet *set, RngStream first,
+                      uint32_t dimension, double sum[LANES], double sum_of_squares[LANES])
 {
-    real lane_x[CHUNK][LANES], lane_y[CHUNK][LANES];
-    real chunk_sum[LANES], chunk_squares[LANES];
-    for (int first = 0; first < set->count; first += CHUNK) {
-        int count = set->count - first < CHUNK ? set->count - first : CHUNK;
-        PointSource source = set->sampler == SAMPLER_SOBOL ? POINTS_TABLE : POINTS_LANES;
-        Points points = {0};
-        if (source == POINTS_TABLE) {
-            points.table_x = set->table[0] + first;
-            points.table_y = set->table[1] + first;
-        } else {
-            lane_points(set, stream, first, count, dimension, lane_x, lane_y);
-            points.lane_x = (const real(*)[LANES])lane_x;
-            points.lane_y = (const real(*)[LANES])lane_y;
+    PointPacket points;
+    SumPacket chunk;
+    const bool table = set->sampler == SAMPLER_SOBOL;
+    if (table) {
+        uint32_t word[4][LANES];
+        random_lanes(first, SOBOL_SHIFT_BLOCK, dimension, word);
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            points.shift_x[i] = word[0][i];
+            points.shift_y[i] = word[1][i];
+            light->cx[i] -= light->ux + light->vx;
+            light->cy[i] -= light->vy;
         }
-        sum_chunk(block, points, count, source, true, chunk_sum, chunk_squares);
-        for (int i = 0; i < LANES; i++) {
-            sum[i] += (double)chunk_sum[i];
-            sum_of_squares[i] += (double)chunk_squares[i];
+    }
+    for (int first_sample = 0; first_sample < set->count; first_sample += CHUNK) {
+        int count = set->count - first_sample < CHUNK ? set->count - first_sample : CHUNK;
+        points.table_x = table ? set->table[0] + first_sample : NULL;
+        points.table_y = table ? set->table[1] + first_sample : NULL;
+        if (!table)
+            random_points(set, first, first_sample, count, dimension, &points);
+        sum_chunk(light, &points, count, &chunk);
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            sum[i] += (double)chunk.sum[i];
+            sum_of_squares[i] += (double)chunk.sum_of_squares[i];
         }
     }
 }
 
-void kernel_direct_lighting(const Scene *scene, const HitBlock *hits, const PointSet *points,
-                            const RngStream stream[LANES], Estimate result[LANES])
+static void quad_estimate(LightPacket *light, Rgb radiance, const HitPacket *restrict hits,
+                          const PointSet *set, RngStream first, uint32_t dimension,
+                          EstimatePacket *restrict result)
 {
-    const double n = points->count;
-    memset(result, 0, LANES * sizeof *result);
-    for (int l = 0; l < scene->nb_lights; l++) {
-        const Light *light = &scene->lights[l];
-        LightBlock block;
-        View view = VIEW_TEXTBOOK;
-        if (light->type == LIGHT_QUAD)
-            view = light_view(scene, &light->shape.quad, hits,
-                              points->sampler == SAMPLER_SOBOL, &block);
-        if (view == VIEW_DARK)
+    double sum[LANES] = {0}, sum_of_squares[LANES] = {0};
+    sum_light(light, set, first, dimension, sum, sum_of_squares);
+
+    const double n = set->count;
+    const double to_variance =
+        set->sampler == SAMPLER_INDEPENDENT && set->count > 1 ? 1 / (n - 1) / n : 0;
+    const double to_mean = 1 / n;
+    real mean[LANES], variance[LANES];
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        double average = sum[i] * to_mean, scale = (double)light->scale[i];
+        double scatter = sum_of_squares[i] - sum[i] * average;
+        scatter = scatter > 0 ? scatter : 0;
+        mean[i] = (real)(scale * average);
+        variance[i] = (real)(scale * scale * scatter * to_variance);
+    }
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
+             b = hits->brdf.b[i] * radiance.b;
+        result->radiance.r[i] += r * mean[i];
+        result->radiance.g[i] += g * mean[i];
+        result->radiance.b[i] += b * mean[i];
+        result->variance.r[i] += r * r * variance[i];
+        result->variance.g[i] += g * g * variance[i];
+        result->variance.b[i] += b * b * variance[i];
+    }
+}
+
+static void textbook_estimate(const Scene *scene, int light, const HitPacket *hits,
+                              const PointSet *set, RngStream first, EstimatePacket *result)
+{
+    for (int i = 0; i < LANES; i++) {
+        if (hits->object[i] == SCENE_NOTHING)
             continue;
-        if (view == VIEW_TEXTBOOK) {
-            continue; /* TODO */
+        Hit hit = packet_lane(hits, i);
+        RngStream stream = first;
+        stream.pixel += (uint32_t)i;
+        Estimate estimate = light_estimate(scene, light, &hit, set, stream);
+        result->radiance.r[i] += estimate.radiance.r;
+        result->radiance.g[i] += estimate.radiance.g;
+        result->radiance.b[i] += estimate.radiance.b;
+        if (set->sampler == SAMPLER_INDEPENDENT) {
+            result->variance.r[i] += estimate.variance.r;
+            result->variance.g[i] += estimate.variance.g;
+            result->variance.b[i] += estimate.variance.b;
         }
-        if (points->sampler == SAMPLER_SOBOL)
-            for (int i = 0; i < LANES; i++) {
-                RngBlock shift = sobol_shift(stream[i], (uint32_t)l + 1);
-                block.shift_x[i] = shift.word[0];
-                block.shift_y[i] = shift.word[1];
-            }
-        double sum[LANES] = {0}, squares[LANES] = {0};
-        quad_lighting(&block, points, stream, (uint32_t)l + 1, sum, squares);
-        const Rgb radiance = light->shape.quad.radiance;
-        for (int i = 0; i < LANES; i++) {
-            double scale = (double)block.scale[i];
-            double mean = scale * sum[i] / n;
-            double variance =
-                n > 1 ? fmax(scale * scale * squares[i] - n * mean * mean, 0.0) / (n - 1) / n : 0;
-            real fr = hits->brdf.x[i] * radiance.r, fg = hits->brdf.y[i] * radiance.g,
-                 fb = hits->brdf.z[i] * radiance.b;
-            result[i].radiance.r += fr * (real)mean;
-            result[i].radiance.g += fg * (real)mean;
-            result[i].radiance.b += fb * (real)mean;
-            result[i].variance.r += fr * fr * (real)variance;
-            result[i].variance.g += fg * fg * (real)variance;
-            result[i].variance.b += fb * fb * (real)variance;
-        }
+    }
+}
+
+void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
+                            RngStream first, EstimatePacket *result)
+{
+    memset(result, 0, sizeof *result);
+    for (int i = 0; i < scene->nb_lights && hits->nb_hits; i++) {
+        const Light *light = &scene->lights[i];
+        LightPacket packet;
+        Seen seen = SEEN_STRANGE;
+        if (light->type == LIGHT_QUAD)
+            seen = see_light(scene, &light->shape.quad, hits, &packet);
+        if (seen == SEEN_SAMPLED)
+            quad_estimate(&packet, light->shape.quad.radiance, hits, points, first,
+                          (uint32_t)i + 1, result);
+        else if (seen == SEEN_STRANGE)
+            textbook_estimate(scene, i, hits, points, first, result);
     }
 }

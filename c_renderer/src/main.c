@@ -28,6 +28,10 @@ static const char HELP[] =
     "                         1 to 1048576 [64]\n"
     "  --pixel-samples M      anti-aliasing: 1 looks through the pixel's centre, more through M\n"
     "                         random places in it; 1 to 65536 [1]\n"
+    "  --sampler NAME         how the points on a light are drawn: independent (the lab's),\n"
+    "                         jittered or sobol (Owen-scrambled) [independent]\n"
+    "  --estimator NAME       area: sixteen pixels at a time; textbook: the same estimate one\n"
+    "                         pixel at a time, as it is taught [area]\n"
     "  --seed S               0 to 18446744073709551615; another seed, independent noise [0]\n"
     "  --threads T            1 to 1024; changes the time, not one bit of the image [all]\n"
     "  --width W, --height H  image size, 1 to 16384 [the scene's]\n"
@@ -67,12 +71,26 @@ static uint64_t parse_number(const char *option, const char *text, uint64_t low,
     return value;
 }
 
+static int parse_name(const char *option, const char *text, const char *const *names, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (strcmp(text, names[i]) == 0)
+            return i;
+    fprintf(stderr, "penumbra-render: --%s: \"%s\" is none of", option, text);
+    for (int i = 0; i < count; i++)
+        fprintf(stderr, "%s %s", i ? "," : "", names[i]);
+    fputs("\n", stderr);
+    exit(EXIT_BAD_INPUT);
+}
+
 static Options parse_options(int argc, char **argv)
 {
-    enum { LIGHT = 1, PIXEL, SEED, THREADS, WIDTH, HEIGHT, PRINT, VERSION, HELP_OPTION };
+    enum { LIGHT = 1, PIXEL, SAMPLER, ESTIMATOR, SEED, THREADS, WIDTH, HEIGHT, PRINT, VERSION, HELP_OPTION };
     static const struct option LONG[] = {{"output", required_argument, NULL, 'o'},
                                          {"light-samples", required_argument, NULL, LIGHT},
                                          {"pixel-samples", required_argument, NULL, PIXEL},
+                                         {"sampler", required_argument, NULL, SAMPLER},
+                                         {"estimator", required_argument, NULL, ESTIMATOR},
                                          {"seed", required_argument, NULL, SEED},
                                          {"threads", required_argument, NULL, THREADS},
                                          {"width", required_argument, NULL, WIDTH},
@@ -96,6 +114,14 @@ static Options parse_options(int argc, char **argv)
             break;
         case PIXEL:
             settings->samples_per_pixel = (int)parse_number("pixel-samples", optarg, 1, 1 << 16);
+            break;
+        case SAMPLER:
+            settings->sampler =
+                (Sampler)parse_name("sampler", optarg, RENDER_SAMPLER_NAMES, 3);
+            break;
+        case ESTIMATOR:
+            settings->estimator =
+                (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES, 2);
             break;
         case SEED:
             settings->seed = parse_number("seed", optarg, 0, UINT64_MAX);
@@ -171,7 +197,8 @@ int main(int argc, char **argv)
 
     bool terminal = isatty(STDERR_FILENO);
     double start = omp_get_wtime();
-    render(&scene, settings, radiance, variance, terminal ? show_progress : NULL, &start);
+    if (!render(&scene, settings, radiance, variance, terminal ? show_progress : NULL, &start))
+        fail("%s%s", "not enough memory for so many light samples", "");
     double seconds = omp_get_wtime() - start;
     if (terminal && seconds > 1)
         fprintf(stderr, "\rrendered in %.1f s\n", seconds);

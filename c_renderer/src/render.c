@@ -1,59 +1,198 @@
 #include "render.h"
 
 #include <omp.h>
+#include <string.h>
 
 #include "estimator.h"
+#include "kernel.h"
 
-static Estimate ray_radiance(const Scene *scene, Ray ray, int nb_light_samples,
-                             RngStream stream)
+const char *const RENDER_SAMPLER_NAMES[3] = {"independent", "jittered", "sobol"};
+const char *const RENDER_ESTIMATOR_NAMES[2] = {"area", "textbook"};
+
+/* The image being made, and what it is made from. */
+typedef struct {
+    const Scene *scene;
+    const RenderSettings *settings;
+    const PointSet *points;
+    float *radiance, *variance; /* three planes each */
+} Job;
+
+static size_t plane_size(const RenderSettings *settings)
 {
+    return (size_t)settings->width * (size_t)settings->height;
+}
+
+static RngStream pixel_stream(const Job *job, int x, int y)
+{
+    uint32_t pixel = (uint32_t)y * (uint32_t)job->settings->width + (uint32_t)x;
+    return (RngStream){job->settings->seed, pixel, 0};
+}
+
+/* ---- as it is taught: one pixel after the other ---- */
+
+static Estimate ray_radiance(const Job *job, real x, real y, RngStream stream)
+{
+    const Scene *scene = job->scene;
+    Ray ray = camera_ray(&scene->camera, x, y, job->settings->width, job->settings->height);
     Hit hit = scene_hit(scene, ray);
     if (hit.object == SCENE_NOTHING)
         return (Estimate){.radiance = scene->background};
-    return direct_lighting(scene, &hit, nb_light_samples, stream);
+    return direct_lighting(scene, &hit, job->points, stream);
 }
 
-static Estimate pixel_radiance(const Scene *scene, const RenderSettings *settings, int x,
-                               int y)
+static Estimate pixel_radiance(const Job *job, int x, int y)
 {
-    int width = settings->width, height = settings->height;
-    RngStream stream = {settings->seed, (uint32_t)y * (uint32_t)width + (uint32_t)x, 0};
-
-    if (settings->samples_per_pixel == 1) {
-        Ray ray = camera_ray(&scene->camera, (real)x + 0.5f, (real)y + 0.5f, width, height);
-        return ray_radiance(scene, ray, settings->nb_light_samples, stream);
-    }
+    RngStream stream = pixel_stream(job, x, y);
+    if (job->settings->samples_per_pixel == 1)
+        return ray_radiance(job, (real)x + 0.5f, (real)y + 0.5f, stream);
 
     Moments moments = {0};
-    for (int s = 0; s < settings->samples_per_pixel; s++) {
+    for (int s = 0; s < job->settings->samples_per_pixel; s++) {
         stream.pixel_sample = (uint32_t)s;
         Uniform2 place = rng_uniform2(stream, 0, 0);
-        Ray ray =
-            camera_ray(&scene->camera, (real)x + place.x, (real)y + place.y, width, height);
-        Estimate estimate = ray_radiance(scene, ray, settings->nb_light_samples, stream);
+        Estimate estimate = ray_radiance(job, (real)x + place.x, (real)y + place.y, stream);
         moments_add(&moments, estimate.radiance);
     }
     return moments_estimate(&moments);
 }
 
-static void store(float *buffer, long long pixel, Rgb value)
+static void render_row(const Job *job, int y)
 {
-    buffer[3 * pixel] = (float)value.r;
-    buffer[3 * pixel + 1] = (float)value.g;
-    buffer[3 * pixel + 2] = (float)value.b;
+    const size_t plane = plane_size(job->settings);
+    for (int x = 0; x < job->settings->width; x++) {
+        Estimate estimate = pixel_radiance(job, x, y);
+        size_t pixel = (size_t)y * (size_t)job->settings->width + (size_t)x;
+        job->radiance[pixel] = (float)estimate.radiance.r;
+        job->radiance[plane + pixel] = (float)estimate.radiance.g;
+        job->radiance[2 * plane + pixel] = (float)estimate.radiance.b;
+        job->variance[pixel] = (float)estimate.variance.r;
+        job->variance[plane + pixel] = (float)estimate.variance.g;
+        job->variance[2 * plane + pixel] = (float)estimate.variance.b;
+    }
 }
 
-void render(const Scene *scene, const RenderSettings *settings, float *radiance,
+/* ---- the same, sixteen pixels at a time ---- */
+
+static void packet_radiance(const Job *job, const real x[LANES], const real y[LANES],
+                            RngStream first, EstimatePacket *result)
+{
+    const Rgb background = job->scene->background;
+    HitPacket hits;
+    packet_hit(job->scene, x, y, job->settings->width, job->settings->height, &hits);
+    kernel_direct_lighting(job->scene, &hits, job->points, first, result);
+    if (hits.nb_hits == LANES)
+        return;
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        int empty = hits.object[i] == SCENE_NOTHING;
+        result->radiance.r[i] = empty ? background.r : result->radiance.r[i];
+        result->radiance.g[i] = empty ? background.g : result->radiance.g[i];
+        result->radiance.b[i] = empty ? background.b : result->radiance.b[i];
+    }
+}
+
+/* moments_add and moments_estimate for one colour channel of all lanes. */
+static void channel_moments(const real value[LANES], double sum[LANES],
+                            double sum_of_squares[LANES])
+{
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        sum[i] += (double)value[i];
+        sum_of_squares[i] += (double)value[i] * (double)value[i];
+    }
+}
+
+static void channel_estimate(const double sum[LANES], const double sum_of_squares[LANES], int n,
+                             real mean[LANES], real variance[LANES])
+{
+    const double count = n;
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        double average = sum[i] / count;
+        double scatter = sum_of_squares[i] - sum[i] * average;
+        mean[i] = (real)average;
+        variance[i] = (real)((scatter > 0 ? scatter : 0) / (count - 1) / count);
+    }
+}
+
+static void packet_pixels(const Job *job, int x0, int y0, EstimatePacket *result)
+{
+    RngStream first = pixel_stream(job, x0, y0);
+    real x[LANES], y[LANES];
+    if (job->settings->samples_per_pixel == 1) {
+        for (int i = 0; i < LANES; i++) {
+            x[i] = (real)(x0 + i) + 0.5f;
+            y[i] = (real)y0 + 0.5f;
+        }
+        packet_radiance(job, x, y, first, result);
+        return;
+    }
+
+    double sum[3][LANES] = {{0}}, sum_of_squares[3][LANES] = {{0}};
+    for (int s = 0; s < job->settings->samples_per_pixel; s++) {
+        first.pixel_sample = (uint32_t)s;
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            RngBlock counter = {{first.pixel + (uint32_t)i, 0, first.pixel_sample, 0}};
+            RngBlock place = rng_philox4x32(counter, first.seed);
+            x[i] = (real)(x0 + i) + rng_to_uniform(place.word[0]);
+            y[i] = (real)y0 + rng_to_uniform(place.word[1]);
+        }
+        packet_radiance(job, x, y, first, result);
+        channel_moments(result->radiance.r, sum[0], sum_of_squares[0]);
+        channel_moments(result->radiance.g, sum[1], sum_of_squares[1]);
+        channel_moments(result->radiance.b, sum[2], sum_of_squares[2]);
+    }
+    const int n = job->settings->samples_per_pixel;
+    channel_estimate(sum[0], sum_of_squares[0], n, result->radiance.r, result->variance.r);
+    channel_estimate(sum[1], sum_of_squares[1], n, result->radiance.g, result->variance.g);
+    channel_estimate(sum[2], sum_of_squares[2], n, result->radiance.b, result->variance.b);
+}
+
+static void store_lanes(float *plane, size_t pixel, int count, const real value[LANES])
+{
+    for (int i = 0; i < count; i++)
+        plane[pixel + (size_t)i] = (float)value[i];
+}
+
+static void render_row_in_packets(const Job *job, int y)
+{
+    const int width = job->settings->width;
+    const size_t plane = plane_size(job->settings);
+    for (int x = 0; x < width; x += LANES) {
+        EstimatePacket packet;
+        packet_pixels(job, x, y, &packet);
+        size_t pixel = (size_t)y * (size_t)width + (size_t)x;
+        int count = width - x < LANES ? width - x : LANES;
+        store_lanes(job->radiance, pixel, count, packet.radiance.r);
+        store_lanes(job->radiance + plane, pixel, count, packet.radiance.g);
+        store_lanes(job->radiance + 2 * plane, pixel, count, packet.radiance.b);
+        store_lanes(job->variance, pixel, count, packet.variance.r);
+        store_lanes(job->variance + plane, pixel, count, packet.variance.g);
+        store_lanes(job->variance + 2 * plane, pixel, count, packet.variance.b);
+    }
+}
+
+/* ---- all rows, on all threads ---- */
+
+bool render(const Scene *scene, const RenderSettings *settings, float *radiance,
             float *variance, RenderProgress *progress, void *user)
 {
+    PointSet points;
+    if (!point_set_create(&points, settings->sampler, settings->nb_light_samples,
+                          settings->seed))
+        return false;
+    const Job job = {scene, settings, &points, radiance, variance};
     int rows_done = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(settings->threads)
     for (int y = 0; y < settings->height; y++) {
-        for (int x = 0; x < settings->width; x++) {
-            Estimate estimate = pixel_radiance(scene, settings, x, y);
-            long long pixel = (long long)y * settings->width + x;
-            store(radiance, pixel, estimate.radiance);
-            store(variance, pixel, estimate.variance);
+        switch (settings->estimator) {
+        case ESTIMATOR_TEXTBOOK:
+            render_row(&job, y);
+            break;
+        case ESTIMATOR_AREA:
+            render_row_in_packets(&job, y);
+            break;
         }
         int done;
 #pragma omp atomic capture
@@ -61,11 +200,15 @@ void render(const Scene *scene, const RenderSettings *settings, float *radiance,
         if (progress && omp_get_thread_num() == 0)
             progress(done, settings->height, user);
     }
+    point_set_free(&points);
+    return true;
 }
 
 bool render_knows_variance(const Scene *scene, const RenderSettings *settings)
 {
-    if (settings->samples_per_pixel > 1 || settings->nb_light_samples > 1)
+    if (settings->samples_per_pixel > 1)
+        return true;
+    if (settings->nb_light_samples > 1 && settings->sampler == SAMPLER_INDEPENDENT)
         return true;
     for (int i = 0; i < scene->nb_lights; i++)
         if (light_is_surface(&scene->lights[i]))

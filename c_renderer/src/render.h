@@ -5,7 +5,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "sampling.h"
 #include "scene.h"
+
+typedef enum {
+    ESTIMATOR_AREA,    /* the lab's: uniform points on the light; sixteen pixels at a time */
+    ESTIMATOR_TEXTBOOK /* the same, one pixel at a time, as it is taught */
+} Estimator;
 
 typedef struct {
     int width, height;     /* [pixels] */
@@ -13,17 +19,24 @@ typedef struct {
     int samples_per_pixel; /* 1: the pixel's centre; more: uniform random places in it */
     uint64_t seed;
     int threads; /* >= 1 */
+    Sampler sampler;
+    Estimator estimator;
 } RenderSettings;
+
+/* What the command line and the image's header call them, in the enums' order. */
+extern const char *const RENDER_SAMPLER_NAMES[3], *const RENDER_ESTIMATOR_NAMES[2];
 
 /* Called now and then from one of the threads; may be NULL. */
 typedef void RenderProgress(int rows_done, int rows, void *user);
 
-/* Fills radiance and variance (of each pixel's mean), both width * height * 3 floats: rows from
- * the top, R, G, B together. The same settings but threads give the same bits. */
-void render(const Scene *scene, const RenderSettings *settings, float *radiance,
+/* Fills radiance and variance (of each pixel's mean): each three planes R, G, B of
+ * width * height floats, rows from the top. The same settings but threads give the same bits.
+ * False: out of memory. */
+bool render(const Scene *scene, const RenderSettings *settings, float *radiance,
             float *variance, RenderProgress *progress, void *user);
 
-/* Whether the samples tell a variance: one random sample has no scatter. */
+/* Whether the samples tell a variance: a single one has no scatter, and samples that avoid each
+ * other scatter more than their mean does. Several pixel samples are independent in any case. */
 bool render_knows_variance(const Scene *scene, const RenderSettings *settings);
 
 #endif

@@ -28,7 +28,8 @@ typedef struct {
     uint32_t word[4];
 } RngBlock;
 
-/* Ten rounds on a 128-bit counter, keyed by the seed. */
+/* Ten rounds on a 128-bit counter, keyed by the seed. Inline, so that a loop over pixels can
+ * work on many counters at once. */
 inline RngBlock rng_philox4x32(RngBlock counter, uint64_t seed)
 {
     uint32_t c0 = counter.word[0], c1 = counter.word[1];
@@ -47,8 +48,15 @@ inline RngBlock rng_philox4x32(RngBlock counter, uint64_t seed)
     return (RngBlock){{c0, c1, c2, c3}};
 }
 
+/* The top 24 bits: all that a float holds, so that the result stays below 1. */
+static inline real rng_to_uniform(uint32_t bits)
+{
+    return (real)(bits >> 8) * 0x1p-24f;
+}
+
 /* The lab's randomFloat(), twice. dimension: what the numbers decide (0 = the place in the
- * pixel, 1 + k = the point on light k); sample: 0 .. nb_light_samples - 1. */
+ * pixel, 1 + k = the point on light k); sample: 0 .. nb_light_samples - 1. Samples 2k and 2k + 1
+ * share a block. */
 Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension);
 
 #endif

@@ -77,12 +77,6 @@ void point_set_free(PointSet *set)
     *set = (PointSet){0};
 }
 
-RngBlock sobol_shift(RngStream stream, uint32_t dimension)
-{
-    RngBlock counter = {{stream.pixel, UINT32_MAX, stream.pixel_sample, dimension}};
-    return rng_philox4x32(counter, stream.seed);
-}
-
 Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index,
                        uint32_t dimension)
 {
@@ -96,7 +90,8 @@ Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index,
                           jitter(index / columns, u.y, set->rows)};
     }
     case SAMPLER_SOBOL: {
-        RngBlock shift = sobol_shift(stream, dimension);
+        RngBlock counter = {{stream.pixel, SOBOL_SHIFT_BLOCK, stream.pixel_sample, dimension}};
+        RngBlock shift = rng_philox4x32(counter, stream.seed);
         return (Uniform2){sobol_to_one_two(set->table[0][index] ^ shift.word[0]) - 1,
                           sobol_to_one_two(set->table[1][index] ^ shift.word[1]) - 1};
     }

@@ -29,10 +29,10 @@ void point_set_free(PointSet *set);
 Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index,
                        uint32_t dimension);
 
-/* What the kernel does for many pixels at a time (kernel.c), by the same functions. */
+/* What the kernel does for many pixels at a time (kernel.c) is built from the same pieces. */
 
-/* SAMPLER_SOBOL: the digital shift of one stream and dimension. */
-RngBlock sobol_shift(RngStream stream, uint32_t dimension);
+/* SAMPLER_SOBOL: words 0 and 1 of this block of a stream and dimension are its digital shift. */
+#define SOBOL_SHIFT_BLOCK UINT32_MAX
 
 /* The top 23 bits as a float in [1, 2): they become its mantissa. */
 static inline float sobol_to_one_two(uint32_t bits)
