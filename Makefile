@@ -120,8 +120,11 @@ COMPARE := $(wildcard compare/*.py)
 # "differs", is a result like any other.
 compare = mkdir -p $(@D) && $(PENUMBRA) compare $(1) $(2) --scene scenes/$*.json \
     $(if $(filter tp3,$*),--perceptual) --json $@ >$(@:json=txt) || [ $$? -eq 1 ]
-# Ours: the image of the most light samples, of which a point light needs but one.
-ours = build/images/$(1)_n$(if $(filter %_point,$(1)),1,4096)_m1.exr
+# Ours: the image of the most light samples. A point light needs but one.
+MOST_tp3           := 8192
+MOST_tp3_statement := 1024
+MOST_tp3_point     := 1
+ours = build/images/$(1)_n$(MOST_$(1))_m1.exr
 
 build/agreement/%_c_exact.json: $$(call ours,$$*) scenes/%.json $(COMPARE)
 	$(call compare,$<,exact)
@@ -141,8 +144,8 @@ build/convergence/tp3.csv build/convergence/tp3.json &: scenes/tp3.json $(RENDER
 build/speedup.csv build/speedup.json &: scenes/tp3.json $(RENDER) $(COMPARE)
 	$(PENUMBRA) speedup $< -o build/speedup.csv
 
-IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 tp3_n4096_m1 tp3_point_n1_m1 \
-          $(foreach n,1 4 16 64 256 4096,tp3_statement_n$(n)_m1)
+IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
+          $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 
 ## report : all of the above, measured and explained on one page, build/report/index.html

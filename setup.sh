@@ -190,6 +190,10 @@ venv_is_complete() {
             [ "$(python_version .venv/bin/python)" = "$(python_version "$PENUMBRA_PYTHON")" ]; }
 }
 
+has_cycles() {
+    .venv/bin/python -c 'import sys, importlib.util; sys.exit(not importlib.util.find_spec("bpy"))'
+}
+
 pip_install() {
     logged .venv/bin/python -m pip install --disable-pip-version-check --progress-bar off "$@"
 }
@@ -205,7 +209,7 @@ setup_venv() {
         # Python compiles what it imports: compiling all of Blender's modules here takes 25 s.
         pip_install --no-compile --require-hashes --requirement requirements.txt ||
             stop "pip could not install requirements.txt (see $log; is there a network?)"
-        .venv/bin/python -m pip --quiet show bpy 2>/dev/null ||
+        has_cycles ||
             say "no Cycles for Python $version on $(uname -sm) (Python 3.11 and 3.13 on x86-64 have" \
                 "it): the reference images that Penumbra brings along are used instead"
         venv_key >.venv/penumbra-key

@@ -306,8 +306,7 @@ def sample_range(
         size = (3, 3, 1)
         low = ndimage.minimum_filter(low, size, mode="nearest")
         high = ndimage.maximum_filter(high, size, mode="nearest")
-    margin = ROUNDING * (high - low + high.max(initial=0))
-    return low - margin, high + margin
+    return low, high
 
 
 def format_rows(rows: Sequence[Row]) -> str:
@@ -345,27 +344,29 @@ def format_metrics(metrics: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def unbiasedness_p_values(
-    images: Iterable[Image], scene: Scene, exact: ExactImage
+    images: Iterable[Image], scene: Scene, exact: ExactImage, tested: Sequence[str]
 ) -> dict[str, np.ndarray]:
-    """p-values of the unbiasedness test for images of many seeds: region -> (images,).
+    """p-values of the unbiasedness test for images of many seeds: what was tested -> (images,).
 
-    Each is tested against exact as `agreement` does. "pixels" is the smallest p-value of the
-    pixel test after its correction over all pixels: below alpha where any pixel was called
-    inconsistent. The share of p-values below alpha is the test's false-alarm rate if the
-    renderer is unbiased, and its power if it is not.
+    Each image is tested against exact as `agreement` does, in the regions that `tested` names.
+    "pixels" is the smallest p-value of the pixel test after its correction over all pixels:
+    below alpha where any pixel was called inconsistent. The share of p-values below alpha is
+    the test's false-alarm rate if the renderer is unbiased, and its power if it is not.
+    Raises StatisticsError for an image without a variance.
     """
-    p_values: dict[str, list[float]] = {}
+    p_values: dict[str, list[float]] = {name: [] for name in tested}
     case = None
     for image in images:
         if case is None:
             case = _Case.of(image, exact, scene, exact)
         case = dataclasses.replace(case, image=estimate(image, case.image.error_bound))
-        for region, mask in case.masks.items():
-            test = bias_test(case.image, case.reference, mask)
-            p_values.setdefault(region, []).append(test.p_value)
-        p = benjamini_hochberg(case.pixel_p_values())
-        p_values.setdefault("pixels", []).append(float(p.min()))
-    return {region: np.array(values) for region, values in p_values.items()}
+        for name, values in p_values.items():
+            if name == "pixels":
+                p = float(benjamini_hochberg(case.pixel_p_values()).min())
+            else:
+                p = bias_test(case.image, case.reference, case.masks[name]).p_value
+            values.append(p)
+    return {name: np.array(values) for name, values in p_values.items()}
 
 
 @dataclass(frozen=True)
@@ -394,7 +395,8 @@ class _Case:
         pair = [one for one in (image, reference) if isinstance(one, Image)]
         low, high = sample_range(scene, exact, max(_pixel_samples(one) for one in pair))
         masks = {k: v for k, v in regions(scene, exact).items() if k != "silhouette"}
-        rounding = ROUNDING * float(np.abs(luminance(reference.radiance)).max())
+        brightest = np.abs(luminance(reference.radiance)).max(where=exact.object_id >= 0, initial=0)
+        rounding = ROUNDING * float(brightest)
         if eight_bit:
             rounding = EIGHT_BIT_ERROR
             unclipped = high.max(axis=-1) <= 1

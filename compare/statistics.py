@@ -237,14 +237,14 @@ def range_test(
     # Rounding may have moved either mean: bring the two together by that much.
     x = image.mean + np.clip(reference.mean - image.mean, -slack, slack)
     if exact:
-        return _range_p(x, reference.mean, image.count, low, high)
+        return _range_p(x, reference.mean, image.count, low, high, slack)
 
     # Between the two means one p-value falls and the other rises: where they meet is the worst.
     near, far = x.copy(), reference.mean.copy()
     for _ in range(30):
         middle = (near + far) / 2
-        p_image = _range_p(x, middle, image.count, low, high)
-        p_reference = _range_p(reference.mean, middle, reference.count, low, high)
+        p_image = _range_p(x, middle, image.count, low, high, slack)
+        p_reference = _range_p(reference.mean, middle, reference.count, low, high, slack)
         move_away = p_image > p_reference
         near, far = np.where(move_away, middle, near), np.where(move_away, far, middle)
     return np.minimum(1, 2 * np.maximum(p_image, p_reference))
@@ -345,20 +345,25 @@ def _pooled(
 
 
 def _range_p(
-    x: np.ndarray, mean: np.ndarray, count: int, low: np.ndarray, high: np.ndarray
+    x: np.ndarray,
+    mean: np.ndarray,
+    count: int,
+    low: np.ndarray,
+    high: np.ndarray,
+    slack: np.ndarray,
 ) -> np.ndarray:
-    """Bound on P(a mean of `count` samples in [low, high] is as far from `mean` as x)."""
-    width = high - low
-    with np.errstate(divide="ignore", invalid="ignore"):
-        p = np.where(width > 0, (mean - low) / width, 0)
-        share = np.where(width > 0, (x - low) / width, 0)
-    possible = (p >= 0) & (p <= 1) & (share >= 0) & (share <= 1)
-    p, share = np.clip(p, 0, 1), np.clip(share, 0, 1)
-    hoeffding = np.exp(-count * (special.rel_entr(share, p) + special.rel_entr(1 - share, 1 - p)))
+    """Bound on P(a mean of `count` samples in [low, high] is as far from `mean` as x).
+
+    0 where x or mean lies out of [low, high] by more than slack.
+    """
+    possible = (np.minimum(x, mean) >= low - slack) & (np.maximum(x, mean) <= high + slack)
+    width = np.where(high > low, high - low, 1.0)
+    p, share = (np.clip((a - low) / width, 0, 1) for a in (mean, x))
+    is_above = x > mean
     # P(k successes or more) = betainc(k, n - k + 1, p); P(k or less) is that of the failures
-    is_above = share > p
-    k = np.floor(count * np.where(is_above, share, 1 - share))
-    binomial = special.betainc(np.maximum(k, 1), count - k + 1, np.where(is_above, p, 1 - p))
-    tail = np.minimum(hoeffding, math.e * np.where(k > 0, binomial, 1.0))
-    bound = np.where(x == mean, 1.0, np.where(possible, tail, 0.0))
-    return np.minimum(1, 2 * bound)
+    p, share = np.where(is_above, p, 1 - p), np.where(is_above, share, 1 - share)
+    k = np.floor(count * share)
+    binomial = np.where(k > 0, special.betainc(np.maximum(k, 1), count - k + 1, p), 1.0)
+    hoeffding = np.exp(-count * (special.rel_entr(share, p) + special.rel_entr(1 - share, 1 - p)))
+    bound = np.where(possible, np.minimum(hoeffding, math.e * binomial), 0.0)
+    return np.where(x == mean, 1.0, np.minimum(1, 2 * bound))

@@ -18,18 +18,16 @@ from compare.image import Image
 from report import figures
 from report.figures import Crop, Series
 from report.inputs import (
-    AGREEMENT,
-    CONVERGENCE,
+    COMPARISONS,
     FEW,
     IMAGES,
     LIGHT_SAMPLES,
-    MOST_LIGHT_SAMPLES,
     PIXEL_SAMPLES,
     SCENES,
-    SPEEDUP,
     Data,
     Input,
     ReportError,
+    best_image_file,
     image_file,
     read_inputs,
     reference_file,
@@ -43,7 +41,6 @@ RELATIVE_LIMIT = 0.02
 Z_LIMIT = 4.0
 """End of the colour bar of standardised differences."""
 FIRST_REGIONS = ("all", "lit", "penumbra")
-VERDICTS = ("agrees", "differs", "undecided")
 RENDERERS = {"penumbra": "C", "cycles": "Cycles"}
 
 CONTENTS = (
@@ -59,37 +56,6 @@ CONTENTS = (
     ("remake", "What was rendered, and how to remake it"),
     ("glossary", "Glossary"),
 )
-
-GLOSSARY = (
-    ("Bias", "What remains of the error when infinitely many estimates are averaged. An unbiased "
-     "estimator is right on average; more samples cannot remove a bias."),
-    ("BRDF", "How much radiance a surface reflects per irradiance, in sr⁻¹. The lab multiplies its "
-     "flat colour without 1/π, so the flat colour is the BRDF."),
-    ("Confidence interval", "A range computed from noisy data so that, were the whole measurement "
-     "repeated many times, the stated share of such ranges (say 95 %) would hold the true value."),
-    ("δ (delta)", "The bias that one is ready to tolerate, chosen before measuring. Here relative "
-     "to the region’s mean."),
-    ("Detectable bias", "The smallest true bias that the test would very probably have found. A test "
-     "that could only have found a large one says little by finding none."),
-    ("Lit", "Where the whole light is visible."),
-    ("N, light samples", "Shadow rays sent from each visible point to each surface light "
-     "(nbLightSamples in the lab)."),
-    ("M, pixel samples", "Camera rays per pixel. With M = 1 the ray goes through the pixel’s centre; "
-     "with M > 1 they are spread over the pixel: anti-aliasing."),
-    ("Noise", "The random part of the error. It changes with the seed and shrinks as N grows."),
-    ("pdf", "Probability density function: how likely a random point is drawn near a given place, "
-     "per m² (or per steradian). Dividing by it makes up for drawing some places more often."),
-    ("Penumbra", "Where part of the light is visible."),
-    ("Radiance", "Light per area and per direction, in W m⁻² sr⁻¹: what a pixel measures."),
-    ("RMSE", "Root mean square error: square the differences from the truth, average them over the "
-     "region’s pixels, take the root. Relative: divided by the root mean square of the truth."),
-    ("Sampler", "How the random points are drawn; “independent” means that no point knows of another."),
-    ("Seed", "The number that selects one sequence of random numbers. Same seed, same image."),
-    ("Slope", "On logarithmic axes, the exponent b in error ∝ N^b."),
-    ("Standard error", "How far a measured mean typically lies from the true one."),
-    ("Umbra", "Where no part of the light is visible."),
-)  # fmt: skip
-
 
 def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
     """Write the page `out` from the files of `report.inputs.INPUTS` in build_dir.
@@ -128,8 +94,9 @@ def page(data: Data) -> str:
         **sections,
         version=provenance.VERSION,
         contents=CONTENTS,
-        glossary=GLOSSARY,
         enlarged=ENLARGED,
+        pixel_samples=PIXEL_SAMPLES,
+        summary=_summary(data),
         scene=data.scenes["tp3"],
         light=figures.light_drawing(data.scenes["tp3"].quad_lights[0]),
         links=gallery.links(),
@@ -144,17 +111,19 @@ def page(data: Data) -> str:
 
 def _shadows(data: Data) -> dict[str, Any]:
     """Figures 1, 3 (right) and 4."""
-    point, quad = image_file("tp3_point", 1), image_file("tp3", MOST_LIGHT_SAMPLES)
+    point, quad = best_image_file("tp3_point"), best_image_file("tp3")
     window = _edge_crop(data, image_file("tp3_statement", 1))
     statement = [image_file("tp3_statement", n) for n in (1, *LIGHT_SAMPLES)]
     one, *more = (_picture(data, file, window) for file in statement)
     return {
-        "figure_1": [
-            _picture(data, point, _edge_crop(data, point), "a point light"),
-            _picture(data, quad, _edge_crop(data, quad), "a quad light"),
-        ],
-        "figure_3": one,
-        "figure_4": more,
+        "figure_1": _figure(
+            [
+                _picture(data, point, _edge_crop(data, point), "a point light"),
+                _picture(data, quad, _edge_crop(data, quad), "a quad light"),
+            ]
+        ),
+        "figure_3": _figure([one]),
+        "figure_4": _figure(more),
     }
 
 
@@ -200,11 +169,11 @@ def _edge_crop(data: Data, file: str) -> Crop:
     on_plane = exact.object_id >= len(data.scene(file).spheres)
     height, width = exact.shadow.shape
     size = max(1, width // ENLARGED), max(1, height // ENLARGED)
-    penumbra = on_plane & (exact.shadow == PENUMBRA)
-    if penumbra.any():
-        return figures.crop_around(penumbra, *size)
-    hard = on_plane & exact.silhouette & np.isin(exact.shadow, (LIT, UMBRA))
-    return figures.crop_around(hard, *size)
+    edge = on_plane & (exact.shadow == PENUMBRA)
+    if not edge.any():
+        edge = on_plane & exact.silhouette & np.isin(exact.shadow, (LIT, UMBRA))
+    # Rather a little less of the edge than another object in the window.
+    return figures.crop_around(np.where(on_plane, edge, -1), *size)
 
 
 def _outline_crop(data: Data, file: str) -> Crop:
@@ -250,7 +219,7 @@ class _Gallery:
         statement = [image_file("tp3_statement", n) for n in LIGHT_SAMPLES]
         return {
             "start": link(statement[1], "tp3_statement", "split"),
-            "figure_1": link(image_file("tp3_point", 1), image_file("tp3", MOST_LIGHT_SAMPLES), "a"),
+            "figure_1": link(best_image_file("tp3_point"), best_image_file("tp3"), "a"),
             "figure_4": link(statement[0], statement[-1], "split"),
             "figure_8": link(
                 image_file("tp3", FEW, PIXEL_SAMPLES), image_file("tp3", FEW * PIXEL_SAMPLES), "split"
@@ -262,61 +231,65 @@ class _Gallery:
 
 
 def _agreement(data: Data) -> dict[str, Any]:
-    rows = data.agreement["rows"]
     tables = []
-    for scene in dict.fromkeys(row["scene"] for row in rows):
-        chosen = [row for row in rows if row["scene"] == scene]
-        axis = _axis(chosen)
-        pairs = dict.fromkeys((row["image"], row["reference"]) for row in chosen)
-        groups = [
-            {
-                "label": f"{_name(data, image)} against {_name(data, reference)}",
-                "rows": [
-                    _agreement_row(row, axis)
-                    for row in chosen
-                    if (row["image"], row["reference"]) == (image, reference)
-                ],
-            }
-            for image, reference in pairs
-        ]
+    for scene in SCENES:
+        files = [i.file for i in COMPARISONS if i.scene == scene and i.file in data.comparisons]
+        groups = [_agreement_group(data, data.comparisons[file]) for file in files]
+        rows = [row for file in files for row in data.comparisons[file]["rows"]]
         tables.append(
             {
                 "title": f"Scene {scene}",
-                "axis": f"{100 * axis:.3g}",
+                "summary": _verdict_count(rows),
+                "axis": f"{100 * _axis(rows):.3g}",
                 "groups": groups,
-                "has_consistent": any(row.get("consistent_fraction") is not None for row in chosen),
+                "commands": [data.comparisons[file]["command"] for file in files],
+                "has_dark": any(row["relative_to"] != row["region"] for row in rows),
             }
         )
-    confidences = {row["confidence"] for row in rows}
-    perceptual = [
-        {
-            "image": _name(data, row["image"]),
-            "reference": _name(data, row["reference"]),
-            "flip": _digits(row.get("flip")),
-            "delta_e": _digits(row.get("delta_e")),
-        }
-        for row in data.agreement.get("perceptual", [])
-    ]
+    rows = _all_rows(data)
     return {
         "agreement": tables,
-        "confidence": " or ".join(_percent(c) for c in sorted(confidences)),
-        "agreement_command": data.agreement.get("command", AGREEMENT.command),
-        "perceptual": perceptual,
+        "confidence": " or ".join(_percent(c) for c in sorted({row["confidence"] for row in rows})),
+        "perceptual": _perceptual(data),
+    }
+
+
+def _all_rows(data: Data) -> list[dict[str, Any]]:
+    return [row for comparison in data.comparisons.values() for row in comparison["rows"]]
+
+
+def _verdict_count(rows: Sequence[dict[str, Any]]) -> str:
+    counts = {v: sum(row["verdict"] == v for row in rows) for v in ("agrees", "differs", "undecided")}
+    words = [f"{counts['agrees']} of {len(rows)} agree"]
+    words += [f"{counts['differs']} differ{'s' * (counts['differs'] == 1)}"] * (counts["differs"] > 0)
+    words += [f"{counts['undecided']} undecided"] * (counts["undecided"] > 0)
+    return ", ".join(words)
+
+
+def _agreement_group(data: Data, comparison: dict[str, Any]) -> dict[str, Any]:
+    rows = comparison["rows"]
+    first = rows[0]
+    axis = _axis(rows)
+    return {
+        "label": f"{_name(data, first['image'])} against {_name(data, first['reference'])}",
+        "delta": _percent(first["delta"]),
+        "rows": [_agreement_row(row, axis) for row in rows],
     }
 
 
 def _agreement_row(row: dict[str, Any], axis: float) -> dict[str, Any]:
     low, high = row["relative_low"], row["relative_high"]
     return {
-        "region": row["region"],
-        "pixels": f"{row['pixels']:,}".replace(",", " "),
+        "region": row["region"].replace(":", ", "),
+        "pixels": f"{row['pixels']:,}".replace(",", "\u202f"),
         "mean": _digits(row["mean_image"]),
         "bias": _signed_percent(row["relative_bias"]),
         "interval": _interval(low, high, _signed_percent),
-        "delta": _digits(100 * row["delta"]),
-        "detectable": _digits(_times(100, row["detectable_relative_bias"])),
-        "consistent": _digits(_times(100, row.get("consistent_fraction")), 5),
+        "dark": row["relative_to"] != row["region"],
+        "detectable": _digits(_times(100, row["detectable_relative_bias"]), 2),
+        "consistent": _fixed(_times(100, row["consistent_fraction"]), 2),
         "verdict": row["verdict"],
+        "note": row["note"],
         "plot": _whisker(row, axis),
     }
 
@@ -346,14 +319,33 @@ def _axis(rows: Iterable[dict[str, Any]]) -> float:
     return 2 * max(row["delta"] for row in rows)
 
 
+def _perceptual(data: Data) -> list[dict[str, str]]:
+    """Of the comparisons made with --perceptual."""
+    rows = []
+    for comparison in data.comparisons.values():
+        for region in ("all", "penumbra"):
+            metrics = comparison["metrics"].get(region, {})
+            if "flip" in metrics:
+                rows.append(
+                    {
+                        "pair": f"{_name(data, comparison['rows'][0]['image'])} against "
+                        f"{_name(data, comparison['rows'][0]['reference'])}",
+                        "region": region,
+                        "flip": _digits(metrics["flip"]),
+                        "delta_e": _digits(metrics["delta_e"]),
+                        "relative_rmse": _digits(_times(100, metrics["relative_rmse"])),
+                    }
+                )
+    return rows
+
+
 def _maps(data: Data) -> dict[str, Any]:
     """Figure 5."""
-    files = (image_file("tp3", MOST_LIGHT_SAMPLES), reference_file("tp3"))
+    files = (best_image_file("tp3"), reference_file("tp3"))
     maps = [_relative_map(data, file) for file in files]
     maps += [_z_map(data, file) for file in files if data.images[file].variance is not None]
     return {
-        "maps": maps,
-        "map_commands": [_command(data, file) for file in files],
+        "figure_5": _figure(maps),
         "colour_stops": Markup(",".join(figures.diverging_stops())),
     }
 
@@ -386,6 +378,7 @@ def _map(
         "high": high,
         "caption": f"{name} − exact: {what}",
         "facts": _facts(image),
+        "command": _command(data, file),
     }
 
 
@@ -398,16 +391,15 @@ def _convergence(data: Data) -> dict[str, Any]:
     regions = _panel_regions(curves)
     style = figures.styles(c["renderer"] for c in curves)
     scene = data.convergence["scene"]
-    size = f"{data.convergence['width']} × {data.convergence['height']}"
     seeds = data.convergence.get("seeds")
     bands = "; ".join(
         [f"{seeds} seeds for each N" if seeds else "several seeds for each N"]
         + [f"bands are {_percent(c)} confidence intervals" for c in {c["confidence"] for c in curves}]
     )
     numbered = []
-    for number, key, x_label, against in (
-        (6, "light_samples", "light samples N [1]", "the number of shadow rays"),
-        (7, "seconds", "seconds per image [s]", "render time"),
+    for number, key, x_label, x_base, against in (
+        (6, "light_samples", "light samples N [1]", 4, "the number of shadow rays"),
+        (7, "seconds", "render time [s]", 10, "render time"),
     ):
         panels = []
         for region in regions:
@@ -422,19 +414,21 @@ def _convergence(data: Data) -> dict[str, Any]:
                 for s in series
             )
             svg = figures.convergence_chart(
-                f"chart {number} {region}", description, series, style, x_label
+                f"chart {number} {region}", description, series, style, x_label, x_base
             )
-            panels.append({"title": title, "svg": svg})
+            fitted = [_slope_of(data, x.renderer, region) for x in series] if number == 6 else []
+            slopes = [f"{_renderer(x['renderer'])} {_slope_text(x)}" for x in fitted if x]
+            panels.append({"title": title, "svg": svg, "slopes": slopes})
         caption = (
             f"Relative RMSE against {against}, measured against the exact solution, scene {scene} at "
-            f"{size} pixels, M = 1; {bands}. Dashed: slope −1/2."
+            f"{_size(data.convergence)} pixels, M = 1; {bands}. Dashed: slope −1/2."
         )
         numbered.append({"number": number, "panels": panels, "caption": caption})
     return {
         "convergence": numbered,
-        "slopes": [_slope_row(s) for s in data.convergence["slopes"]],
+        "slopes": [_slope_row(slope) for slope in data.convergence["slopes"]],
         "slope_sentence": _slope_sentence(data),
-        "convergence_command": data.convergence.get("command", CONVERGENCE.command),
+        "convergence_command": data.convergence["command"],
     }
 
 
@@ -449,7 +443,7 @@ def _slope_row(slope: dict[str, Any]) -> dict[str, Any]:
     samples = slope["light_samples"]
     return {
         "renderer": _renderer(slope["renderer"]),
-        "region": slope["region"],
+        "region": slope["region"].replace(":", ", "),
         "against": _renderer(slope["against"]),
         "pixel_samples": slope["pixel_samples"],
         "light_samples": f"{samples[0]} to {samples[-1]}" if samples else "–",
@@ -465,6 +459,10 @@ def _slope_of(data: Data, renderer: str, region: str) -> dict[str, Any] | None:
         if key == (renderer, region, 1, "exact"):
             return slope
     return None
+
+
+def _slope_text(slope: dict[str, Any]) -> str:
+    return f"{_fixed(slope['slope'])} {_interval(slope['low'], slope['high'], _fixed)}"
 
 
 def _slope_sentence(data: Data) -> str:
@@ -500,14 +498,12 @@ def _antialiasing(data: Data) -> dict[str, Any]:
     titles = [{"title": f"{r}, relative RMSE", "unit": "[interval]"} for r in regions]
     return {
         "antialiasing": {
-            "pictures": [_antialiasing_picture(data, file) for file in files],
-            "regions": [*titles, {"title": "umbra, RMSE", "unit": "W m⁻² sr⁻¹, largest of the seeds"}],
+            "figure": _figure([_antialiasing_picture(data, file) for file in files]),
+            "regions": [*titles, {"title": "umbra, RMSE", "unit": "W m⁻² sr⁻¹, largest seed"}],
             "rows": rows,
             "answer": _answer(data, settings),
-            "note": (
-                f"Scene {data.convergence['scene']}, C renderer, silhouettes left out. "
-                "With M > 1 the truth is the exact solution averaged over each pixel."
-            ),
+            "scene": f"{data.convergence['scene']} at {_size(data.convergence)}",
+            "confidence": _percent(data.convergence["curves"][0]["confidence"]),
         }
     }
 
@@ -546,32 +542,22 @@ def _antialiasing_picture(data: Data, file: str) -> dict[str, Any]:
     }
 
 
-def _answer(data: Data, settings: Sequence[tuple[int, int]]) -> list[str]:
-    """Paragraphs; every number is one that compare measured, or a ratio of two."""
-    first = (
-        "Because each pixel then averages more shadow rays. With anti-aliasing a pixel is the mean "
-        f"of M camera rays, each of which sends its own N shadow rays: N·M in all. Noise falls with "
-        f"the root of their number, so M = {PIXEL_SAMPLES} should divide it by "
-        f"{math.sqrt(PIXEL_SAMPLES):g}."
-    )
-    off, on, equal = (_point(data, "penumbra", n, m) for n, m in settings)
-    measured = "The images for a measurement are not among the inputs."
-    if off and on and equal:
-        measured = (
-            f"Measured in the penumbra: relative RMSE {_digits(off['rmse'])} with anti-aliasing off "
-            f"and {_digits(on['rmse'])} with it on: {_digits(off['rmse'] / on['rmse'])} times less. "
-            f"But {FEW * PIXEL_SAMPLES} shadow rays without anti-aliasing, as many per pixel, give "
-            f"{_digits(equal['rmse'])}. It is the number of shadow rays that counts, not where in "
-            "the pixel they start from."
-        )
-    last = (
-        "In the umbra there is no noise to remove: every shadow ray is blocked, and the average of "
-        "zeros is zero for any N and M. Where the light is wholly visible the samples differ only by "
-        "their cosines and distances, and the noise is small. What anti-aliasing alone does is the "
-        "outline: without it a pixel of the sphere’s edge is all sphere or all background, however "
-        "many shadow rays it has."
-    )
-    return [first, measured, last]
+def _answer(data: Data, settings: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """The numbers of the answer: compare measured each, or they are a ratio of two."""
+    points = [_point(data, "penumbra", n, m) for n, m in settings]
+    if None in points:
+        raise KeyError("curves of C in the penumbra with and without anti-aliasing")
+    off, on, equal = (point["rmse"] for point in points if point)
+    return {
+        "pixel_samples": PIXEL_SAMPLES,
+        "expected": f"{math.sqrt(PIXEL_SAMPLES):g}",
+        "off": _digits(off),
+        "on": _digits(on),
+        "gain": _digits(off / on),
+        "equal_samples": FEW * PIXEL_SAMPLES,
+        "equal": _digits(equal),
+        "ratio": _digits(on / equal),
+    }
 
 
 # Threads
@@ -598,10 +584,14 @@ def _speedup(data: Data) -> dict[str, Any]:
             "svg": figures.speedup_chart(
                 "speedup",
                 description,
-                [row["threads"] for row in rows],
-                [row["speedup"] for row in rows],
-                [one / row["high"] for row in rows],
-                [one / row["low"] for row in rows],
+                Series(
+                    "penumbra",
+                    "C",
+                    [row["threads"] for row in rows],
+                    [row["speedup"] for row in rows],
+                    [one / row["high"] for row in rows],
+                    [one / row["low"] for row in rows],
+                ),
                 cores,
             ),
             "sentence": sentence,
@@ -609,7 +599,7 @@ def _speedup(data: Data) -> dict[str, Any]:
                 f"Median speed-up of {study.get('repeats', 'several')} renders of scene {scene} with "
                 f"N = {samples}; the band holds the fastest and the slowest."
             ),
-            "command": study.get("command", SPEEDUP.command),
+            "command": study["command"],
             "rows": [
                 {
                     "threads": row["threads"],
@@ -672,56 +662,73 @@ def _indented(text: str) -> str:
         return text
 
 
+def _summary(data: Data) -> str:
+    """What was rendered, in a line."""
+    scene = data.scenes["tp3"]
+    image = data.images[best_image_file("tp3")]
+    cycles = data.images[reference_file("tp3")]
+    machine = data.convergence.get("machine", {})
+    return (
+        f"Scene {scene.name} (hash {scene.hash}) and two variants, {scene.width} × {scene.height}; "
+        f"{image.attributes.get('software', 'the C renderer')}, seed "
+        f"{image.attributes.get('seed', '?')}; {cycles.attributes.get('software', 'Cycles')}; on "
+        f"{machine.get('processor', 'an unnamed machine')}, {machine.get('cores', '?')} cores."
+    )
+
+
 def _glance(data: Data) -> list[dict[str, str]]:
     """The results in one line each."""
-    verdicts = [row["verdict"] for row in data.agreement["rows"]]
-    agreeing = verdicts.count("agrees")
-    tone = "differs" if "differs" in verdicts else "agrees" if agreeing == len(verdicts) else "undecided"
-    rest = [f"{verdicts.count(v)} {v}" for v in ("differs", "undecided") if v in verdicts]
+    rows = _all_rows(data)
+    verdicts = {row["verdict"] for row in rows}
+    worst = next(v for v in ("differs", "undecided", "agrees") if v in verdicts)
+    agreeing = sum(row["verdict"] == "agrees" for row in rows)
+    others = _verdict_count(rows).partition(", ")[2]
     items = [
         {
             "term": "Is it right?",
-            "value": f"{agreeing} of {len(verdicts)}",
-            "text": "comparisons agree" + (f"; {', '.join(rest)}" if rest else " with the exact solution"),
-            "tone": tone,
+            "value": f"{agreeing} of {len(rows)}",
+            "text": "comparisons of regions agree" + (f"; {others}" if others else ""),
+            "tone": worst,
         }
     ]
     slope = _slope_of(data, "penumbra", "all")
     if slope is not None:
         items.append(
             {
-                "term": "How fast?",
-                "value": f"N^{_fixed(slope['slope'])}",
-                "text": "error of C over all objects, "
-                f"{_percent(slope['confidence'])} interval "
+                "term": "How fast does it converge?",
+                "value": "N",
+                "power": _fixed(slope["slope"]),
+                "text": f"error of C over all objects, {_percent(slope['confidence'])} interval "
                 f"{_interval(slope['low'], slope['high'], _fixed)}",
-                "tone": "",
             }
         )
     off, on = (_point(data, "penumbra", FEW, m) for m in (1, PIXEL_SAMPLES))
     if off and on:
         items.append(
             {
-                "term": "Anti-aliasing",
+                "term": "What does anti-aliasing do?",
                 "value": f"÷ {_digits(off['rmse'] / on['rmse'])}",
                 "text": f"noise in the penumbra with {PIXEL_SAMPLES} pixel samples; the root of "
                 f"{PIXEL_SAMPLES} is {math.sqrt(PIXEL_SAMPLES):g}",
-                "tone": "",
             }
         )
     best = max(data.speedup["rows"], key=lambda row: row["threads"])
     items.append(
         {
-            "term": "Threads",
+            "term": "What do threads bring?",
             "value": f"× {_digits(best['speedup'])}",
             "text": f"speed with {best['threads']} threads instead of one",
-            "tone": "",
         }
     )
     return items
 
 
 # Words and numbers
+
+
+def _size(values: dict[str, Any]) -> str:
+    return f"{values['width']} × {values['height']}"
+
 
 
 def _label(image: Image) -> str:
@@ -740,17 +747,32 @@ def _is_cycles(image: Image) -> bool:
     return "parts" in image.attributes or "cycles" in str(image.attributes.get("software", "")).lower()
 
 
-def _facts(image: Image) -> str:
+def _facts(image: Image) -> list[str]:
     a = image.attributes
     seconds = a.get("renderSeconds")
     facts = [
         f"scene {a.get('sceneName', '?')}",
-        f"N = {a.get('lightSamples', '?')}, M = {a.get('pixelSamples', '?')}",
+        f"{image.shape[1]} × {image.shape[0]}",
+        f"N = {a.get('lightSamples', '?')}",
+        f"M = {a.get('pixelSamples', '?')}",
         f"seed {a.get('seed', '?')}",
         f"{a.get('software', '?')}",
-        f"{_digits(seconds)} s" if isinstance(seconds, float) else "",
+        f"{a.get('threads', '?')} threads",
     ]
-    return " · ".join(fact for fact in facts if fact)
+    return [*facts, f"{_digits(seconds)} s"] if isinstance(seconds, float) else facts
+
+
+def _figure(cells: list[dict[str, Any]]) -> dict[str, Any]:
+    """A figure of images: what all have in common is said once, the rest under each."""
+    common = [f for f in cells[0]["facts"] if all(f in cell["facts"] for cell in cells)]
+    for cell in cells:
+        own = [f for f in cell["facts"] if f not in common]
+        cell["facts"] = " · ".join(own)
+    return {
+        "cells": cells,
+        "common": " · ".join(common),
+        "commands": list(dict.fromkeys(cell["command"] for cell in cells)),
+    }
 
 
 def _command(data: Data, file: str) -> str:
@@ -791,7 +813,7 @@ def _digits(value: float | None, digits: int = 3) -> str:
     if value == 0 or not math.isfinite(value):
         return {0: "0", math.inf: "∞", -math.inf: "−∞"}.get(value, "–")
     rounded = float(f"{value:.{digits}g}")
-    if 1e-4 <= abs(rounded) < 1e6:
+    if 1e-3 <= abs(rounded) < 1e6:
         decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
         return f"{rounded:.{decimals}f}".replace("-", "−")
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
@@ -805,10 +827,13 @@ def _fixed(value: float | None, decimals: int = 3) -> str:
 
 def _signed_percent(value: float | None) -> str:
     """
-    >>> _signed_percent(-0.000123)
-    '−0.012'
+    >>> _signed_percent(-0.000123), _signed_percent(1.2e-9), _signed_percent(None)
+    ('−0.0123', '0.0000', '–')
     """
-    return "–" if value is None else f"{100 * value:+.3f}".replace("-", "−")
+    if value is None:
+        return "–"
+    text = f"{100 * value:+.4f}"
+    return "0.0000" if float(text) == 0 else text.replace("-", "−")
 
 
 def _percent(value: float) -> str:

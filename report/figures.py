@@ -13,6 +13,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 from markupsafe import Markup, escape
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from PIL import Image as PillowImage
 from scipy.ndimage import uniform_filter
 from scipy.special import ndtri
@@ -23,11 +27,6 @@ from compare.metrics import luminance
 from compare.scene import QuadLight
 from compare.statistics import estimate, scatter_test
 
-matplotlib.use("svg")
-from matplotlib import colormaps  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
-from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter  # noqa: E402
-
 LARGEST_HALF = 65504.0
 """largest finite IEEE half float"""
 
@@ -37,7 +36,8 @@ STYLES = {
     "cycles": ("#d55e00", "s"),
 }
 OTHER_STYLES = (("#009e73", "^"), ("#cc79a7", "D"), ("#56b4e9", "v"), ("#e69f00", "P"))
-INK, FAINT, GRID = "#222222", "#6b6b6b", "#e4e4e0"
+INK, FAINT, GRID, PAPER = "#222222", "#6b6b6b", "#e4e4e0", "#fdfdfb"
+GUIDE_ABOVE = 1.5
 DIVERGING = "PuOr_r"
 """purple below, white at zero, orange above"""
 
@@ -69,7 +69,7 @@ RC = {
 def png_uri(pixels: np.ndarray) -> str:
     """(H, W, 3) uint8 as a data: address of a PNG."""
     stream = io.BytesIO()
-    PillowImage.fromarray(pixels).save(stream, "PNG", optimize=True)
+    PillowImage.fromarray(pixels).save(stream, "PNG")
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
 
 
@@ -191,10 +191,13 @@ def convergence_chart(
     series: Sequence[Series],
     style: dict[str, tuple[str, str]],
     x_label: str,
+    x_base: int,
 ) -> Markup:
     """Relative RMSE against light samples or seconds, both axes logarithmic, as inline SVG.
 
-    The dashed guide has slope -1/2, through the first point of the first series.
+    x_base: ratio of one tick of the x axis to the one before.
+
+    The dashed guide has slope -1/2 and lies GUIDE_ABOVE times above the first series' start.
     """
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=(3.7, 3.0), layout="constrained")
@@ -207,58 +210,54 @@ def convergence_chart(
             axes.plot(s.x, s.y, color=colour, marker=marker, markersize=3.6, linewidth=1.3)
         _guide(axes, series)
         _label_ends(axes, series, style)
-        if x_label.startswith("seconds"):
-            axes.xaxis.set_major_locator(LogLocator(10, numticks=8))
-        else:
-            axes.set_xscale("log", base=2)
-            axes.xaxis.set_major_locator(LogLocator(16, numticks=8))
-            axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        axes.yaxis.set_major_locator(LogLocator(10, numticks=8))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        for axis, base in ((axes.xaxis, x_base), (axes.yaxis, 10)):
+            axis.set_major_locator(LogLocator(base, numticks=8))
+            axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         return _svg(figure, name, description)
 
 
 def speedup_chart(
-    name: str, description: str, threads: Sequence[int], speedup: Sequence[float], low: Sequence[float] | None,
-    high: Sequence[float] | None, cores: int | None,
-) -> Markup:  # fmt: skip
-    """Speed-up against threads, with the ideal line and the machine's processors, inline SVG."""
+    name: str, description: str, speedup: Series, cores: int | None
+) -> Markup:
+    """Speed-up against threads, with the ideal line and the machine's cores, inline SVG."""
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=(4.6, 3.0), layout="constrained")
         axes = figure.add_subplot()
-        top = max(threads)
+        top = max(speedup.x)
         axes.plot([1, top], [1, top], color=FAINT, linestyle=(0, (4, 3)), linewidth=1)
         axes.annotate("ideal", (top, top), (-4, 0), textcoords="offset points", ha="right",
                       va="top", color=FAINT)  # fmt: skip
         if cores and cores < top:
             axes.axvline(cores, color=FAINT, linewidth=0.8, linestyle=":")
-            axes.annotate(f"{cores} processors", (cores, top), (4, 0), textcoords="offset points",
+            axes.annotate(f"{cores} cores", (cores, top), (4, 0), textcoords="offset points",
                           va="top", color=FAINT)  # fmt: skip
         colour, marker = STYLES["penumbra"]
-        if low is not None and high is not None:
-            axes.fill_between(threads, low, high, color=colour, alpha=0.22, linewidth=0)
-        axes.plot(threads, speedup, color=colour, marker=marker, markersize=4, linewidth=1.3)
+        if speedup.low is not None and speedup.high is not None:
+            band = {"color": colour, "alpha": 0.22, "linewidth": 0}
+            axes.fill_between(speedup.x, speedup.low, speedup.high, **band)
+        axes.plot(speedup.x, speedup.y, color=colour, marker=marker, markersize=4, linewidth=1.3)
         axes.set(xlabel="OpenMP threads", ylabel="speed-up over one thread [1]", ylim=(0, None))
         axes.xaxis.set_major_locator(MultipleLocator(1))
         return _svg(figure, name, description)
 
 
-def _guide(axes: matplotlib.axes.Axes, series: Sequence[Series]) -> None:
+def _guide(axes: Axes, series: Sequence[Series]) -> None:
     if not series or not len(series[0].x):
         return
     first = series[0]
     x = np.array([min(min(s.x) for s in series), max(max(s.x) for s in series)])
-    y = first.y[0] * (x / first.x[0]) ** -0.5
+    y = GUIDE_ABOVE * first.y[0] * (x / first.x[0]) ** -0.5
     limits = axes.get_ylim()
     axes.plot(x, y, color=FAINT, linestyle=(0, (4, 3)), linewidth=1, zorder=1)
     axes.set_ylim(limits)
-    axes.annotate("slope −1/2", (x[1], y[1]), (0, 6), textcoords="offset points", ha="right",
-                  color=FAINT, annotation_clip=False)  # fmt: skip
+    middle = np.exp(np.log([x, y]).mean(axis=1))
+    axes.text(*middle, " slope −1/2 ", color=FAINT, ha="center", va="center",
+              bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.5})  # fmt: skip
 
 
 def _label_ends(
-    axes: matplotlib.axes.Axes, series: Sequence[Series], style: dict[str, tuple[str, str]]
+    axes: Axes, series: Sequence[Series], style: dict[str, tuple[str, str]]
 ) -> None:
     lines = [
         axes.plot([], [], color=style[s.renderer][0], marker=style[s.renderer][1], markersize=3.6,
@@ -328,6 +327,10 @@ def light_drawing(light: QuadLight, width: float = 640, height: float = 400) -> 
         anchor = "end" if away[0] < -4 else "start" if away[0] > 4 else "centred"
         return {"x": label["x"] + away[0], "y": label["y"] + away[1] + 5, "anchor": anchor}
 
+    def right_of(point: np.ndarray) -> dict[str, Any]:
+        label = at(point)
+        return {"x": label["x"] + 12, "y": label["y"] + 5, "anchor": "start"}
+
     def axis(direction: tuple[int, int, int], distance: float) -> dict[str, float]:
         x, y = np.array(direction) @ screen.T * distance + (62, height - 62)
         return {"x": round(float(x), 1), "y": round(float(y), 1)}
@@ -353,11 +356,11 @@ def light_drawing(light: QuadLight, width: float = 640, height: float = 400) -> 
         "emission": [(at(a), at(b)) for a, b in zip(emitting, tips, strict=True)],
         "labels": {
             "corner": beside(corner),
-            "u": beside(corner + u / 2),
+            "u": beside(corner + u / 2, 26),
             "v": beside(corner + v / 2),
-            "n": at(centre + length * n) | {"x": at(centre + length * n)["x"] + 12, "anchor": "start"},
-            "sample": at(sample) | {"x": at(sample)["x"] + 12, "y": at(sample)["y"] + 5, "anchor": "start"},
-            "emission": at(centre - 1.2 * length * n) | {"anchor": "centred"},
+            "n": right_of(centre + length * n),
+            "sample": right_of(sample),
+            "emission": {"x": at(centre)["x"], "y": height - 14, "anchor": "centred"},
         },
         "axes": axes,
     }  # fmt: skip
@@ -368,4 +371,4 @@ def vector(v: Iterable[float]) -> str:
     >>> vector((-2.0, 0.0, 0.5))
     '(−2, 0, 0.5)'
     """
-    return "(" + ", ".join(f"{x:.4g}" for x in v).replace("-", "−") + ")"
+    return "(" + ", ".join(f"{x + 0.0:.4g}" for x in v).replace("-", "−") + ")"

@@ -22,8 +22,9 @@ LIGHT_SAMPLES = (4, 16, 64, 256)
 """figure 4 of the handout"""
 FEW, PIXEL_SAMPLES = 4, 16
 """N and M of the anti-aliasing question, which is asked at equal N and at equal N * M"""
-MOST_LIGHT_SAMPLES = 4096
-"""of the images that agreement is tested on and that the error maps show"""
+MOST_LIGHT_SAMPLES = {"tp3": 8192, "tp3_statement": 1024, "tp3_point": 1}
+"""N of the images that agreement is tested on and that the error maps show. At 8192 the 99%
+interval of tp3's floor penumbra is +-0.024%, half of the bias that still agrees."""
 SEED = 1
 
 
@@ -53,6 +54,11 @@ def image_file(scene: str, light_samples: int, pixel_samples: int = 1) -> str:
     return f"images/{scene}_n{light_samples}_m{pixel_samples}.exr"
 
 
+def best_image_file(scene: str) -> str:
+    """The C renderer's least noisy image."""
+    return image_file(scene, MOST_LIGHT_SAMPLES[scene])
+
+
 def reference_file(scene: str) -> str:
     """
     >>> reference_file("tp3")
@@ -77,8 +83,7 @@ def _reference(scene: str) -> Input:
 
 def _comparisons(scene: str) -> Iterator[Input]:
     """C and Cycles against exact; C against Cycles where the two are of one size."""
-    most = 1 if scene == "tp3_point" else MOST_LIGHT_SAMPLES
-    files = {"c": image_file(scene, most), "cycles": reference_file(scene)}
+    files = {"c": best_image_file(scene), "cycles": reference_file(scene)}
     for image, reference in (("c", "exact"), ("cycles", "exact"), ("c", "cycles")):
         file = f"agreement/{scene}_{image}_{reference}.json"
         against = f"build/{files[reference]}" if reference in files else reference
@@ -94,11 +99,9 @@ IMAGES: tuple[Input, ...] = (
     _render("tp3", FEW),
     _render("tp3", FEW, PIXEL_SAMPLES),
     _render("tp3", FEW * PIXEL_SAMPLES),
-    _render("tp3", MOST_LIGHT_SAMPLES),
     _render("tp3_statement", 1),
     *(_render("tp3_statement", n) for n in LIGHT_SAMPLES),
-    _render("tp3_statement", MOST_LIGHT_SAMPLES),
-    _render("tp3_point", 1),
+    *(_render(scene, MOST_LIGHT_SAMPLES[scene]) for scene in SCENES),
     *(_reference(scene) for scene in SCENES),
 )
 COMPARISONS: tuple[Input, ...] = tuple(c for scene in SCENES for c in _comparisons(scene))
