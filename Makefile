@@ -74,7 +74,7 @@ endef
 CHECKED := -O1 -g -fno-omit-frame-pointer -fno-sanitize-recover=all
 $(eval $(call c_build,build,run,gcc,-O3 -march=native -flto=auto))
 $(eval $(call c_build,build/asan,test,gcc,$(CHECKED) -fsanitize=address -fsanitize=undefined))
-$(eval $(call c_build,build/tsan,test,clang,$(CHECKED) -fsanitize=thread))
+$(eval $(call c_build,build/tsan,test,clang,$(CHECKED) -fsanitize=thread -Wno-pass-failed))
 # For any x86-64: valgrind does not know the newest processors' instructions.
 $(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
 
