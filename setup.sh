@@ -89,9 +89,11 @@ find_python() {
 
 checks_threads() { compiles clang -fsanitize=thread <<<'int main(void) { return 0; }'; }
 
-# Without Archer, the tool that libomp loads, clang's thread checker sees races in any OpenMP.
+# Without libomp's own tool, Archer, clang's thread checker sees races in any OpenMP.
 checks_openmp_threads() {
-    TSAN_OPTIONS=ignore_noninstrumented_modules=1 compiles clang -fsanitize=thread -fopenmp <<<'
+    OMP_TOOL_LIBRARIES=$(clang --print-resource-dir)/../../libarcher.so \
+        TSAN_OPTIONS=ignore_noninstrumented_modules=1 \
+        compiles clang -fsanitize=thread -fopenmp <<<'
 int main(void) {
     int n = 0;
 #pragma omp parallel for reduction(+ : n)
