@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,16 @@ from typing import Any
 import numpy as np
 import OpenEXR
 from PIL import Image as PillowImage
-from PIL import UnidentifiedImageError
+
+from compare.provenance import write_whole
 
 CHANNELS = ("R", "G", "B")
 EIGHT_BIT = (".png", ".jpg", ".jpeg")
+UNREADABLE = (
+    *(OSError, RuntimeError, ValueError, TypeError),
+    *(SyntaxError, PillowImage.DecompressionBombError),  # Pillow: a broken, an enormous picture
+)
+"""What the libraries raise for files that are not what they seem."""
 
 
 class ImageError(ValueError):
@@ -55,14 +60,12 @@ def read_image(file: str | Path) -> Image:
         elif suffix == ".pfm":
             image = Image(_read_pfm(path))
         elif suffix in EIGHT_BIT:
-            with PillowImage.open(path) as picture:
-                values = np.asarray(picture.convert("RGB"), dtype=np.float64)
-            image = Image((values + 0.5) / 255)
+            image = Image((_read_eight_bit(path) + 0.5) / 255)
         else:
             raise ImageError(f"{path}: not an .exr, .pfm, .png or .jpg file")
     except ImageError:
         raise
-    except (OSError, RuntimeError, ValueError, TypeError, UnidentifiedImageError) as error:
+    except UNREADABLE as error:
         raise ImageError(f"{path}: cannot be read: {error}") from error
     _check(path, image)
     return image
@@ -72,48 +75,47 @@ def write_exr(file: str | Path, image: Image) -> None:
     """Write radiance, variance (if any) and attributes as 32-bit float scanlines, ZIP.
 
     The file appears under its name only when it is whole. Raises ImageError if it cannot
-    be written.
+    be written, or holds what could not be read again: NaN, infinity, values beyond float32.
     """
     path = Path(file)
     channels = {c: _plane(image.radiance, i) for i, c in enumerate(CHANNELS)}
     if image.variance is not None:
         channels |= {f"variance.{c}": _plane(image.variance, i) for i, c in enumerate(CHANNELS)}
+    if not all(np.isfinite(plane).all() for plane in channels.values()):
+        raise ImageError(f"{path}: not written: values are NaN, infinite or beyond float32")
     header: dict[str, Any] = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         **image.attributes,
     }
-    part = path.with_name(path.name + ".part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        OpenEXR.File(header, channels).write(str(part))
-        os.replace(part, path)
+        write_whole(path, lambda part: OpenEXR.File(header, channels).write(str(part)))
     except (OSError, RuntimeError) as error:
-        part.unlink(missing_ok=True)
         raise ImageError(f"{path}: cannot be written: {error}") from error
 
 
 def write_display(file: str | Path, radiance: np.ndarray) -> None:
     """Save as the lab does: clamp to [0, 1], times 255, truncated, no gamma.
 
-    radiance: (H, W, 3). The suffix chooses PNG or JPG (quality 100).
+    radiance: (H, W, 3). The suffix chooses PNG or JPG (quality 100, colour at full resolution).
+    Raises ImageError if it cannot be written, or holds NaN or infinity.
     """
     path = Path(file)
     if path.suffix.lower() not in EIGHT_BIT:
         raise ImageError(f"{path}: a picture's name ends in .png or .jpg")
-    part = path.with_name(path.name + ".part" + path.suffix)
+    if not np.isfinite(radiance).all():
+        raise ImageError(f"{path}: not written: values are NaN or infinite")
+    picture = PillowImage.fromarray((np.clip(radiance, 0, 1) * 255).astype(np.uint8))
+    kind = "PNG" if path.suffix.lower() == ".png" else "JPEG"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        values = (np.clip(radiance, 0, 1) * 255).astype(np.uint8)
-        PillowImage.fromarray(values).save(part, quality=100)
-        os.replace(part, path)
+        write_whole(path, lambda part: picture.save(part, kind, quality=100, subsampling=0))
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise ImageError(f"{path}: cannot be written: {error}") from error
 
 
 def _plane(values: np.ndarray, channel: int) -> np.ndarray:
-    return np.ascontiguousarray(values[..., channel], dtype=np.float32)
+    with np.errstate(over="ignore"):  # beyond float32 becomes infinite, and is refused
+        return np.ascontiguousarray(values[..., channel], dtype=np.float32)
 
 
 def _read_exr(path: Path) -> Image:
@@ -124,12 +126,21 @@ def _read_exr(path: Path) -> Image:
     def stack(prefix: str) -> np.ndarray:
         return np.stack([channels[prefix + c] for c in CHANNELS], axis=-1).astype(np.float64)
 
-    missing = [c for c in CHANNELS if c not in channels]
+    has_variance = any(name.startswith("variance.") for name in channels)
+    wanted = [p + c for p in ("", "variance.")[: 1 + has_variance] for c in CHANNELS]
+    missing = [name for name in wanted if name not in channels]
     if missing:
         raise ImageError(f"{path}: has no channel {', '.join(missing)}")
-    variance = stack("variance.") if "variance.R" in channels else None
+    variance = stack("variance.") if has_variance else None
     attributes = {k: v for k, v in header.items() if isinstance(v, str | int | float)}
     return Image(stack(""), variance, attributes)
+
+
+def _read_eight_bit(path: Path) -> np.ndarray:
+    with PillowImage.open(path) as picture:
+        if picture.mode not in ("RGB", "RGBA", "L", "P", "CMYK", "YCbCr"):
+            raise ImageError(f"{path}: {picture.mode} pixels, not 8 bits a channel")
+        return np.asarray(picture.convert("RGB"), dtype=np.float64)
 
 
 def _read_pfm(path: Path) -> np.ndarray:
@@ -138,13 +149,14 @@ def _read_pfm(path: Path) -> np.ndarray:
         size = stream.readline(64).split()
         scale = float(stream.readline(64))
         data = stream.read()
-    if kind != b"PF" or len(size) != 2 or scale == 0:
+    if kind != b"PF" or len(size) != 2 or scale == 0 or not np.isfinite(scale):
         raise ImageError(f"{path}: not a colour PFM file")
     width, height = int(size[0]), int(size[1])
     if width < 1 or height < 1 or len(data) != 12 * width * height:
         raise ImageError(f"{path}: {len(data)} bytes of pixels, not {width} x {height} x 12")
     values = np.frombuffer(data, dtype="<f4" if scale < 0 else ">f4")
-    return values.reshape(height, width, 3)[::-1].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signalling NaN, which is refused in time
+        return values.reshape(height, width, 3)[::-1].astype(np.float64)
 
 
 def _check(path: Path, image: Image) -> None:

@@ -248,7 +248,7 @@ def _sphere_shadows(
             if beyond <= -sphere.radius + slack:
                 caps[i, j] = True
             else:
-                _cut_light(sphere.radius, to_centre, polygon, i, caps[:, j], mixed)
+                _cut_light(sphere.radius, to_centre, polygon, i, normal, caps[:, j], mixed)
         i = np.flatnonzero(within)
         if len(i):
             _from_inside(sphere.radius, to_centre, polygon, i, normal, blocked, mixed)
@@ -260,6 +260,7 @@ def _cut_light(
     to_centre: np.ndarray,
     polygon: Polygon,
     i: np.ndarray,
+    normal: np.ndarray,
     caps: np.ndarray,
     mixed: np.ndarray,
 ) -> None:
@@ -271,7 +272,7 @@ def _cut_light(
     centre, vertex = to_centre[i], polygon.vertex[i]
     ahead = np.einsum("nki,ni->nk", vertex, centre)
     polar = _dot(centre, centre) - radius**2
-    apart = _distance(centre, polygon[i]) >= radius
+    apart = _distance(centre, polygon[i], normal) >= radius
     behind = (ahead >= polar[:, None]).all(axis=1)
     before = (ahead <= polar[:, None]).all(axis=1)
     caps[i[behind]] = True
@@ -290,19 +291,22 @@ def _from_inside(
     """Receivers i inside a ball see only what is in it as well."""
     from_centre = polygon.vertex[i] - to_centre[i, None]
     farthest = np.sqrt(_dot(from_centre, from_centre)).max(axis=1)
-    outside = _distance(to_centre[i], polygon[i]) >= radius
+    outside = _distance(to_centre[i], polygon[i], normal) >= radius
     blocked[i[outside]] = True
     mixed[i[~outside & (farthest > radius * (1 + TOUCH))]] = True
 
 
-def _distance(point: np.ndarray, polygon: Polygon) -> np.ndarray:
-    """From points (n, 3) to polygons, 0 at the least [m]."""
+def _distance(point: np.ndarray, polygon: Polygon, normal: np.ndarray) -> np.ndarray:
+    """From points (n, 3) to polygons with that normal [m]."""
     edge = np.roll(polygon.vertex, -1, axis=1) - polygon.vertex
     offset = point[:, None] - polygon.vertex
+    over = (_dot(_cross(normal, edge), offset) >= 0).all(axis=1)
     squared = _dot(edge, edge)
     t = np.clip(_dot(offset, edge) / np.where(squared > 0, squared, 1), 0, 1)
     to_edge = offset - t[..., None] * edge
-    return np.sqrt(_dot(to_edge, to_edge)).min(axis=1)
+    return np.where(
+        over, np.abs(offset[:, 0] @ normal), np.sqrt(_dot(to_edge, to_edge)).min(axis=1)
+    )
 
 
 def _beside_caps(

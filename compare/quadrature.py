@@ -21,6 +21,8 @@ TOUCH = 1e-12
 """A light that lies in a plane is not behind it: relative to the distances compared."""
 DEPTH = 50
 """Halvings of one panel; 2^-50 of it cannot matter."""
+MOST = 500
+"""Panels of one receiver still to be halved: more of them at once are noise, not shape."""
 PIXELS, PANELS = 1024, 4096
 """Receivers and panels worked on at once: bounds the memory."""
 
@@ -94,12 +96,11 @@ class _Lines:
     """(n, 3)"""
     u: np.ndarray
     v: np.ndarray
-    cosine: np.ndarray
-    """(n, 3) the receivers' normals"""
+    area: float
     height: np.ndarray
     """(n,) from the receiver to the light's plane"""
     normal: np.ndarray
-    """(n, H, 3)"""
+    """(n, H, 3), the first one the receiver's own: its horizon"""
     offset: np.ndarray
     """(n, H)"""
     centre: np.ndarray
@@ -115,10 +116,14 @@ class _Lines:
         corner = np.asarray(light.corner) - receivers.point
         u, v = np.asarray(light.edge_u), np.asarray(light.edge_v)
         normals, offsets = [receivers.normal], [np.zeros(n)]
+        corners = np.asarray(light.corner) + np.stack([0 * u, u, v, u + v])
         for i, plane in enumerate(scene.planes, start=len(scene.spheres)):
-            height = (receivers.point - np.asarray(plane.point)) @ np.asarray(plane.normal)
+            point, normal = np.asarray(plane.point), np.asarray(plane.normal)
+            height = (receivers.point - point) @ normal
             height[receivers.object_id == i] = 0
-            normals.append(np.sign(height)[:, None] * np.asarray(plane.normal))
+            if np.all(np.abs((corners - point) @ normal) <= TOUCH * np.abs(corners).max()):
+                height[:] = 0
+            normals.append(np.sign(height)[:, None] * normal)
             offsets.append(np.abs(height))
         centre = np.array([s.center for s in scene.spheres]).reshape(-1, 3)
         centre = centre - receivers.point[:, None]
@@ -134,7 +139,7 @@ class _Lines:
             corner=corner,
             u=u,
             v=v,
-            cosine=receivers.normal,
+            area=light.area,
             height=corner @ np.asarray(light.normal),
             normal=np.stack(normals, axis=1),
             offset=np.stack(offsets, axis=1),
@@ -143,6 +148,11 @@ class _Lines:
             within=pick(within, order, axis=1),
         )
 
+    def t_of(self, x: np.ndarray) -> np.ndarray:
+        """t of points (n, k, 3) of the light's plane."""
+        across = np.cross(np.cross(self.u, self.v), self.u)
+        return np.asarray(((x - self.corner[:, None]) @ across) / (across @ self.v))
+
 
 def _may_hide(
     corner: np.ndarray, u: np.ndarray, v: np.ndarray, centre: np.ndarray, radius: np.ndarray
@@ -150,7 +160,7 @@ def _may_hide(
     """(n, S) Whether a ball touches the segments from the receiver to a ball around the light."""
     middle = corner + 0.5 * (u + v)
     around = 0.5 * (np.linalg.norm(u) + np.linalg.norm(v))
-    t = np.einsum("nsi,ni->ns", centre, middle) / np.sum(middle**2, axis=1)[:, None]
+    t = _dot(centre, middle[:, None]) / _dot(middle, middle)[:, None]
     gap = centre - np.clip(t, 0, 1)[..., None] * middle[:, None]
     return np.asarray(np.linalg.norm(gap, axis=2) <= radius + around)
 
@@ -158,7 +168,7 @@ def _may_hide(
 def _integrate(lines: _Lines, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     n = len(lines.corner)
     value, error, scale = np.zeros(n), np.zeros(n), np.zeros(n)
-    breaks = np.sort(_breaks(lines), axis=1)
+    breaks = _breaks(lines)
     pixel, piece = np.nonzero(breaks[:, 1:] > breaks[:, :-1])
     work = _Panels(
         pixel,
@@ -173,8 +183,8 @@ def _integrate(lines: _Lines, tolerance: float) -> tuple[np.ndarray, np.ndarray]
         if depth == 0:
             scale += np.bincount(work.pixel, np.abs(kronrod) + difference, minlength=n)
         done = difference <= tolerance * scale[work.pixel]
-        if depth == DEPTH - 1:
-            done[:] = True
+        crowded = np.bincount(work.pixel[~done], minlength=n) > MOST
+        done |= crowded[work.pixel] | (depth == DEPTH - 1)
         value += np.bincount(work.pixel[done], kronrod[done], minlength=n)
         error += np.bincount(work.pixel[done], difference[done], minlength=n)
         if done.all():
@@ -227,39 +237,82 @@ def _panel_sums(lines: _Lines, panels: _Panels) -> tuple[np.ndarray, np.ndarray]
 
 
 def _breaks(lines: _Lines) -> np.ndarray:
-    """(n, B) values of t between which few panels do: where a line of constant t touches a
-    shadow's cone or the ball itself, and where a half-space's edge crosses s = 0 or s = 1."""
+    """(n, B) sorted values of t between which the line integral is smooth: the rule's nodes
+    would miss what begins right beside a panel's end."""
     n = len(lines.corner)
-    u, v, r, c = lines.u, lines.v, lines.corner[:, None], lines.centre
-    start = np.cross(u, r)  # normals of the planes through the receiver and each line:
-    slope = np.cross(u, v)  # start + t slope
-    r2 = lines.radius**2
-    found = [np.zeros((n, 1)), np.ones((n, 1))]
-    dot_start, dot_slope = np.sum(start * c, axis=2), np.sum(slope * c, axis=2)
-    found += _roots(
-        dot_slope**2 - r2 * np.sum(slope**2),
-        dot_slope * dot_start - r2 * np.sum(slope * start, axis=2),
-        dot_start**2 - r2 * np.sum(start**2, axis=2),
-    )
-    offset = np.cross(u, r - c)
-    found += _roots(
-        np.broadcast_to(np.sum(slope**2), r2.shape),
-        np.sum(slope * offset, axis=2),
-        np.sum(offset**2, axis=2) - r2 * np.sum(u**2),
-    )
-    for s in (0, 1):
-        at_zero = lines.offset + np.einsum("nhi,ni->nh", lines.normal, lines.corner + s * u)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found.append(-at_zero / (lines.normal @ v))
-    breaks = np.concatenate(found, axis=1)
-    return np.where((breaks > 0) & (breaks < 1), breaks, breaks >= 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = _tangents(lines) + _edge_crossings(lines) + _cone_crossings(lines)
+    breaks = np.concatenate([np.zeros((n, 1)), np.ones((n, 1)), *found], axis=1)
+    return np.sort(np.where((breaks > 0) & (breaks < 1), breaks, breaks >= 1), axis=1)
+
+
+def _tangents(lines: _Lines) -> list[np.ndarray]:
+    """Where a line of constant t touches a shadow's cone, or the ball itself."""
+    u, r, c, r2 = lines.u, lines.corner[:, None], lines.centre, lines.radius**2
+    start, slope = np.cross(u, r), np.cross(u, lines.v)
+    # start + t slope is normal to the plane through the receiver and the line.
+    c_start, c_slope = _dot(start, c), c @ slope
+    offset = start - np.cross(u, c)
+    return [
+        *_roots(
+            c_slope**2 - r2 * (slope @ slope),
+            c_slope * c_start - r2 * (start @ slope),
+            c_start**2 - r2 * _dot(start, start),
+        ),
+        *_roots(
+            np.full(r2.shape, slope @ slope), offset @ slope, _dot(offset, offset) - r2 * (u @ u)
+        ),
+    ]
+
+
+def _edge_crossings(lines: _Lines) -> list[np.ndarray]:
+    """Where s = 0, s = 1 and the half-spaces' edges cross each other and the shadows' outlines."""
+    corner, normal, offset = lines.corner, lines.normal, lines.offset
+    light_normal = np.cross(lines.u, lines.v) / lines.area
+    edges = [(corner, lines.v[None]), (corner + lines.u, lines.v[None])]
+    foot = lines.height[:, None] * light_normal
+    for h in range(offset.shape[1]):
+        level = normal[:, h] - (normal[:, h] @ light_normal)[:, None] * light_normal
+        away = (_dot(normal[:, h], foot) + offset[:, h]) / _dot(level, level)
+        edges.append((foot - away[:, None] * level, np.cross(normal[:, h], light_normal)))
+    found = []
+    for start, along in edges:
+        x, e = start[:, None], along[:, None]
+        ball = lines.centre, lines.radius
+        crossings = [-(offset + _dot(x, normal)) / _dot(e, normal)]
+        crossings += [*_in_ball(x, e, *ball), *_behind_ball(x, e, *ball)]
+        found += [lines.t_of(x + p[..., None] * e) for p in crossings]
+    return found
+
+
+def _cone_crossings(lines: _Lines) -> list[np.ndarray]:
+    """Where the outlines of two balls cross: unit w with w . a = cos alpha for both."""
+    light_normal = np.cross(lines.u, lines.v) / lines.area
+    distance = np.sqrt(_dot(lines.centre, lines.centre))
+    axis = lines.centre / distance[..., None]
+    cosine = np.sqrt((distance - lines.radius) * (distance + lines.radius)) / distance
+    found = []
+    for i in range(distance.shape[1]):
+        others = slice(i + 1, None)
+        a, b, cos_a, cos_b = (
+            axis[:, i, None],
+            axis[:, others],
+            cosine[:, i, None],
+            cosine[:, others],
+        )
+        g = _dot(a, b)
+        x, y = (cos_a - g * cos_b) / (1 - g * g), (cos_b - g * cos_a) / (1 - g * g)
+        z = np.sqrt((1 - x * cos_a - y * cos_b) / (1 - g * g))
+        for sign in (-1, 1):
+            w = x[..., None] * a + y[..., None] * b + sign * z[..., None] * np.cross(a, b)
+            found.append(lines.t_of(w * (lines.height[:, None] / (w @ light_normal))[..., None]))
+    return found
 
 
 def _roots(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[np.ndarray]:
     """a t^2 + 2 b t + c = 0; NaN where there is none."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
-        return [q / a, c / q]
+    q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
+    return [q / a, c / q]
 
 
 def _line_integral(lines: _Lines, pixel: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -272,16 +325,15 @@ def _line_integral(lines: _Lines, pixel: np.ndarray, t: np.ndarray) -> np.ndarra
     low, high = np.zeros_like(t), np.ones_like(t)
     for h in range(lines.offset.shape[1]):
         normal, offset = lines.normal[pixel, h], lines.offset[pixel, h, None]
-        start = offset + np.einsum("pqi,pi->pq", x, normal)
-        touch = TOUCH * (offset + np.linalg.norm(x, axis=2) + np.linalg.norm(u))
-        low, high = _clip(low, high, start + touch, (normal @ u)[:, None])
+        start = offset + _dot(x, normal[:, None])
+        low, high = _clip(low, high, start, (normal @ u)[:, None])
     hidden_low, hidden_high = [], []
     for j in range(lines.radius.shape[1]):
         ball = lines.centre[pixel, j, None], lines.radius[pixel, j, None]
         within = lines.within[pixel, j, None]
         ball_low, ball_high = _in_ball(x, u, *ball)
-        low = np.where(within, np.maximum(low, ball_low), low)
-        high = np.where(within, np.minimum(high, ball_high), high)
+        low = np.where(within, np.clip(ball_low, low, high), low)
+        high = np.where(within, np.clip(ball_high, low, high), high)
         cone_low, cone_high = _behind_ball(x, u, *ball)
         none = within | (ball[1] == 0)
         hidden_low.append(np.where(none, np.inf, np.minimum(ball_low, cone_low)))
@@ -298,11 +350,10 @@ def _line_integral(lines: _Lines, pixel: np.ndarray, t: np.ndarray) -> np.ndarra
         ends = np.maximum.accumulate(ends, axis=0)
         pieces_low = np.concatenate([low[None], ends])
         pieces_high = np.maximum(np.concatenate([starts, high[None]]), pieces_low)
-    area = np.linalg.norm(np.cross(u, lines.v))
-    start = np.einsum("pqi,pi->pq", x, lines.cosine[pixel])
-    slope = (lines.cosine[pixel] @ u)[:, None]
+    horizon = lines.normal[pixel, 0]
+    start, slope = _dot(x, horizon[:, None]), (horizon @ u)[:, None]
     total = _antiderivative(x, u, start, slope, pieces_low, pieces_high).sum(axis=0)
-    return np.asarray(total * area * lines.height[pixel, None])
+    return np.asarray(total * lines.area * lines.height[pixel, None])
 
 
 def _antiderivative(
@@ -320,7 +371,7 @@ def _antiderivative(
     uu = float(u @ u)
     shift = (x @ u) / uu
     across = x - shift[..., None] * u
-    k2 = np.sum(across**2, axis=-1) / uu
+    k2 = _dot(across, across) / uu
     k = np.sqrt(k2)
     y0, y1 = low + shift, high + shift
     p = start - slope * shift
@@ -347,11 +398,11 @@ def _in_ball(
     x: np.ndarray, u: np.ndarray, centre: np.ndarray, radius: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The interval of s with |x + s u - centre| <= radius; (inf, -inf) where there is none."""
-    uu = float(u @ u)
+    uu = _dot(u, u)
     to_centre = centre - x
-    middle = (to_centre @ u) / uu
+    middle = _dot(to_centre, u) / uu
     across = to_centre - middle[..., None] * u
-    half2 = (radius**2 - np.sum(across**2, axis=-1)) / uu
+    half2 = (radius**2 - _dot(across, across)) / uu
     half = np.where(half2 > 0, np.sqrt(np.maximum(half2, 0)), -np.inf)
     return middle - half, middle + half
 
@@ -361,11 +412,11 @@ def _behind_ball(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The interval of s with x + s u in the tangent cone, behind the tangent circle's plane:
     (c.x)^2 >= (c.c - r^2) x.x and c.x >= c.c - r^2; (inf, -inf) where there is none."""
-    cx, cu = np.sum(centre * x, axis=-1), centre @ u
-    polar = np.sum(centre**2, axis=-1) - radius**2
-    a = cu**2 - polar * float(u @ u)
-    b = cx * cu - polar * (x @ u)
-    c = cx**2 - polar * np.sum(x**2, axis=-1)
+    cx, cu = _dot(centre, x), _dot(centre, u)
+    polar = _dot(centre, centre) - radius**2
+    a = cu**2 - polar * _dot(u, u)
+    b = cx * cu - polar * _dot(x, u)
+    c = cx**2 - polar * _dot(x, x)
     discriminant = b * b - a * c
     none = (discriminant < 0) & (a < 0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -378,3 +429,7 @@ def _behind_ball(
     low, high = _clip(low, high, cx - polar, cu)
     none |= low >= high
     return np.where(none, np.inf, low), np.where(none, -np.inf, high)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.asarray(np.einsum("...i,...i->...", a, b))

@@ -54,8 +54,10 @@ def camera_hits(scene: Scene, x: np.ndarray, y: np.ndarray, width: int, height: 
     object_id = np.full(len(x), BACKGROUND)
     leaving = np.zeros(len(x), dtype=bool)
     for i, thing in enumerate(scene.objects):
-        hit = _sphere_hit if isinstance(thing, Sphere) else _plane_hit
-        distance, from_inside = hit(thing, origin, direction)  # type: ignore[operator]
+        if isinstance(thing, Sphere):
+            distance, from_inside = _sphere_hit(thing, origin, direction)
+        else:
+            distance, from_inside = _plane_hit(thing, origin, direction)
         closer = (distance < nearest) & (distance <= scene.ray_max_distance)
         nearest[closer] = distance[closer]
         object_id[closer] = i

@@ -10,7 +10,6 @@ import shutil
 import signal
 import string
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -287,15 +286,4 @@ def penumbra_renderer(timeout: float = TIMEOUT) -> CommandRenderer:
         "--width {width} --height {height}",
         timeout=timeout,
         advice="run `make build`",
-    )
-
-
-def cycles_renderer(timeout: float = TIMEOUT) -> CommandRenderer:
-    """Cycles on the same scene, through blender_ref in a process of its own."""
-    return CommandRenderer(
-        "cycles",
-        f"{shlex.quote(sys.executable)} -m blender_ref {{scene}} -o {{out}} "
-        "--samples {light_samples} --seed {seed} --parts 1 --width {width} --height {height}",
-        timeout=timeout,
-        advice="this Python is gone",
     )

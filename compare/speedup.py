@@ -17,7 +17,7 @@ from compare.image import read_image
 from compare.renderers import Job, penumbra_renderer
 from compare.scene import read_scene
 
-LIGHT_SAMPLES = 64
+LIGHT_SAMPLES = 1024
 REPEATS = 5
 COLUMNS = ("threads", "seconds", "repeat")
 
