@@ -10,7 +10,6 @@ import argparse
 import math
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,10 +20,15 @@ from compare.provenance import VERSION as __version__
 
 if TYPE_CHECKING:
     from compare.convergence import Curve
+    from compare.renderers import Renderer
 
 PASS, FAIL, USAGE, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit codes: done; a check failed; wrong usage, bad input or unwritable output; a program or
 library is missing; stopped by Ctrl-C."""
+
+
+class UsageError(ValueError):
+    """Options that do not go together; the text says which."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,9 +53,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _exit_code(error: Exception) -> int | None:
     """Our own exceptions, and the system's about files, say all; others are our bugs: None."""
+    if isinstance(error, ImportError):  # a library, or bpy: MissingBlender is one
+        return MISSING
+    if isinstance(error, UsageError | OSError):
+        return USAGE
     if type(error).__module__.partition(".")[0] in ("blender_ref", "compare", "report"):
         return int(getattr(error, "exit_code", USAGE))
-    return USAGE if isinstance(error, OSError) else None
+    return None
 
 
 # ---------------------------------------------------------------- subcommands
@@ -65,11 +73,25 @@ def _scene(options: argparse.Namespace) -> int:
 
 
 def _reference(options: argparse.Namespace) -> int:
-    command = [sys.executable, "-m", "blender_ref", str(options.scene), "-o", str(options.out)]
-    for name in ("samples", "parts", "seed", "width", "height"):
-        if getattr(options, name) is not None:
-            command += [f"--{name}", str(getattr(options, name))]
-    return subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}).returncode
+    from blender_ref import reference
+
+    if options.samples < options.parts or options.samples % options.parts:
+        raise UsageError(
+            f"--samples {options.samples} is not a multiple of --parts {options.parts}"
+        )
+    if options.parts < 2:
+        raise UsageError("--parts must be 2 or more: one part shows no variance")
+    reference(
+        options.scene,
+        options.out,
+        samples=options.samples,
+        parts=options.parts,
+        seed=options.seed,
+        width=options.width,
+        height=options.height,
+        antialias=options.antialias,
+    )
+    return PASS
 
 
 def _exact(options: argparse.Namespace) -> int:
@@ -162,7 +184,7 @@ def _converge_kept(options: argparse.Namespace) -> str:
 
 def _curves(options: argparse.Namespace) -> list[Curve]:
     from compare.convergence import ConvergenceError, Curve
-    from compare.renderers import CommandRenderer, Renderer, cycles_renderer, penumbra_renderer
+    from compare.renderers import CommandRenderer, penumbra_renderer
 
     commands = options.renderer or ["penumbra"]
     labels = options.label or []
@@ -174,14 +196,20 @@ def _curves(options: argparse.Namespace) -> list[Curve]:
         if command == "penumbra":
             renderer = penumbra_renderer(options.timeout)
         elif command == "cycles":
-            renderer = cycles_renderer(options.timeout)
+            renderer = _cycles()
         else:
             label = labels[i] if labels else _program_name(command)
             renderer = CommandRenderer(label, command, options.image_suffix, options.timeout)
         curves.append(Curve(renderer, options.light_samples, options.pixel_samples))
     if options.cycles:
-        curves.append(Curve(cycles_renderer(options.timeout), options.cycles))
+        curves.append(Curve(_cycles(), options.cycles))
     return curves
+
+
+def _cycles() -> Renderer:
+    from blender_ref import CyclesRenderer
+
+    return CyclesRenderer()
 
 
 def _program_name(command: str) -> str:
@@ -264,6 +292,10 @@ def positive(text: str) -> int:
     return value
 
 
+def natural(text: str) -> int:
+    return 0 if text.strip() == "0" else positive(text)
+
+
 def seconds(text: str) -> float:
     try:
         value = float(text)
@@ -318,19 +350,29 @@ def _add_scene_commands(add: Any) -> None:
     reference = add(
         "reference",
         _reference,
-        "Render the identical scene with Cycles, in a process of its own.",
+        "Render the identical scene with Cycles, in a process of its own. The image carries the\n"
+        "variance of each pixel, from independent parts, which are kept in OUT.exr.parts/ so\n"
+        "that a stopped run goes on where it was. OUT.blend is the scene, to open in Blender.",
         "penumbra reference scenes/tp3.json -o build/reference/tp3.exr --samples 256",
+        lambda options: f"; the same command goes on from {options.out}.parts/",
     )
     _scene_argument(reference)
     _out_argument(reference, "OUT.exr")
-    for name, text in (
-        ("samples", "samples per pixel, all parts together"),
-        ("parts", "independent parts, whose scatter is the reference's noise"),
-        ("seed", "of the first part"),
-        ("width", "pixels"),
-        ("height", "pixels"),
-    ):
-        reference.add_argument(f"--{name}", type=int, help=text)
+    reference.add_argument(
+        "--samples",
+        type=positive,
+        default=256,
+        metavar="K",
+        help="samples per pixel, all parts together [256]",
+    )
+    reference.add_argument(
+        "--parts", type=positive, default=8, metavar="P", help="independent parts [8]"
+    )
+    reference.add_argument("--seed", type=natural, default=0, metavar="S", help="0 or more [0]")
+    _size_arguments(reference, "the scene's")
+    reference.add_argument(
+        "--antialias", action="store_true", help="the mean over each pixel, not its centre"
+    )
 
     exact = add(
         "exact",
@@ -497,7 +539,7 @@ def _add_speedup(add: Any) -> None:
     )
     sub.add_argument("--repeats", type=positive, default=5, metavar="R", help="timings of each [5]")
     sub.add_argument(
-        "--light-samples", type=positive, default=64, metavar="N", help="of each image [64]"
+        "--light-samples", type=positive, default=1024, metavar="N", help="of each image [1024]"
     )
 
 

@@ -17,7 +17,8 @@ class Journal:
     """A file of JSON lines {"key": ..., "value": ...}, appended one whole line at a time.
 
     Later lines of a key win. Lines that are not whole (the run was killed while it wrote
-    the last one) are dropped. An empty journal leaves no file. While it is open no second run can open it: JournalError.
+    the last one) are dropped. An empty journal leaves no file. While it is open no second run
+    can open it: JournalError.
     """
 
     def __init__(self, file: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -62,7 +63,7 @@ def test_version_is_the_one_in_pyproject() -> None:
 
 def test_help_lists_every_subcommand() -> None:
     text = penumbra("--help").out
-    assert all(f"\n    {name} " in text for name in SUBCOMMANDS)
+    assert all(re.search(rf"^    {name}\s", text, re.MULTILINE) for name in SUBCOMMANDS)
 
 
 @pytest.mark.parametrize("name", SUBCOMMANDS)
