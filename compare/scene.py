@@ -205,9 +205,7 @@ def read_scene(file: str | Path) -> Scene:
         name=data["name"],
         width=int(data["image"]["width"]),
         height=int(data["image"]["height"]),
-        camera=Camera(
-            position, forward, right, _cross(forward, right), float(camera["fov_y_deg"])
-        ),
+        camera=Camera(position, forward, right, _cross(forward, right), float(camera["fov_y_deg"])),
         background_radiance=_vec3(data["background"]),
         ray_max_distance=float(data["ray_max_distance"]),
         spheres=tuple(
@@ -265,9 +263,7 @@ def _dump_body(scene: Scene) -> str:
         f'  "planes": {items(scene.planes, "point", "normal", "brdf")},\n'
         f'  "point_lights": {items(scene.point_lights, "position", "radiant_intensity")},\n'
         '  "quad_lights": '
-        + items(
-            scene.quad_lights, "corner", "edge_u", "edge_v", "normal", "area", "radiance"
-        )
+        + items(scene.quad_lights, "corner", "edge_u", "edge_v", "normal", "area", "radiance")
         + "\n"
     )
 

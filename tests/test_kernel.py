@@ -44,7 +44,9 @@ def random_scene(seed: int) -> dict[str, Any]:
     ]
     return {
         "image": {"width": 37, "height": 23},
-        "camera": {"position": vector(-4, 4), "look_at": [0, 0, 0], "up": [0, 1, 0], "fov_y_deg": 60},
+        "camera": {
+            "position": vector(-4, 4), "look_at": [0, 0, 0], "up": [0, 1, 0], "fov_y_deg": 60,
+        },
         "background": [0.1, 0.2, 0.3],
         "ray_max_distance": 20,
         "spheres": spheres,

@@ -109,9 +109,7 @@ def test_mean_of_inverse_pdf_is_the_solid_angle() -> None:
     inverse = []
     for sample in range(40_000):
         random = library().rng_uniform2({"seed": 5, "pixel": 0, "pixel_sample": 0}, sample, 1)
-        inverse.append(
-            1 / library().light_sample(light, vec3([0, 0, 0]), random).pdf_solid_angle
-        )
+        inverse.append(1 / library().light_sample(light, vec3([0, 0, 0]), random).pdf_solid_angle)
     standard_error = np.std(inverse) / np.sqrt(len(inverse))
     assert abs(np.mean(inverse) - 4 * np.pi / 6) < 4 * standard_error
 
@@ -128,7 +126,10 @@ def test_point_light_falls_off_with_distance_squared() -> None:
     """The lab's scene before: power 100 at d = 2 gives 25, with pdf 1."""
     light = ffi.new("Light *")
     light.type = library().LIGHT_POINT
-    light.shape.point = {"position": vec3([0, 3, 0]), "radiant_intensity": {"r": 100, "g": 50, "b": 0}}
+    light.shape.point = {
+        "position": vec3([0, 3, 0]),
+        "radiant_intensity": {"r": 100, "g": 50, "b": 0},
+    }
     sample = library().light_sample(light, vec3([0, 1, 0]), {"x": 0.3, "y": 0.7})
     assert (sample.radiance.r, sample.radiance.g, sample.radiance.b) == (25, 12.5, 0)
     assert (sample.distance, sample.pdf_solid_angle) == (2, 1)

@@ -99,9 +99,7 @@ def test_header_says_what_was_rendered(render: Render, scenes: Path) -> None:
     assert 0 < float(attributes["renderSeconds"]) < 60
 
 
-def test_variance_is_left_out_where_one_sample_cannot_tell_it(
-    render: Render, scenes: Path
-) -> None:
+def test_variance_is_left_out_where_one_sample_cannot_tell_it(render: Render, scenes: Path) -> None:
     assert render(scenes / "tp3.json", light_samples=1, width=6, height=4).variance is None
     hard = render(scenes / "tp3_point.json", light_samples=1, width=6, height=4)
     assert hard.variance is not None and not hard.variance.any()
@@ -120,7 +118,8 @@ def test_stated_variance_is_that_of_the_pixel_over_seeds(
     """E[stated variance] = Var over seeds, per pixel. Summed over all pixels and K = 300 seeds,
     both are unbiased estimates of the same sum; the standard error of their difference comes from
     the scatter between 10 groups of 30 seeds; 4 of them allowed (t of 9 degrees: p = 0.3%)."""
-    quad = {"position": [1, 10, 2], "u": [-2, 0, 0], "v": [0, 0, 2], "color": [1, 1, 1], "power": 40}
+    quad = {"position": [1, 10, 2], "u": [-2, 0, 0], "v": [0, 0, 2]}
+    quad |= {"color": [1, 1, 1], "power": 40}
     second = {**quad, "position": [4, 3, 1], "v": [0.5, 1, 1]}
     scene = make_scene(
         quad_lights=[{"name": f"q{i}", **q} for i, q in enumerate([quad, second][:lights])]
@@ -212,9 +211,7 @@ def test_help_and_version_say_so_and_exit_with_0(renderer: Path) -> None:
         assert word in result.stdout
 
 
-def test_nothing_is_printed_when_all_is_well(
-    renderer: Path, scenes: Path, tmp_path: Path
-) -> None:
+def test_nothing_is_printed_when_all_is_well(renderer: Path, scenes: Path, tmp_path: Path) -> None:
     result = run(renderer, scenes / "tp3.json", "-o", tmp_path / "a.exr", "--width", 6)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     assert [f.name for f in tmp_path.iterdir()] == ["a.exr"]

@@ -20,7 +20,7 @@ def checked() -> dict[str, Path]:
     programs = {name: ROOT / "build" / name / "bin/penumbra-render"
                 for name in ("asan", "tsan", "valgrind")}  # fmt: skip
     for name, program in programs.items():
-        assert program.exists(), f"{program} is missing: run `make build/{name}/bin/penumbra-render`"
+        assert program.exists(), f"run `make build/{name}/bin/penumbra-render`"
     return programs
 
 
@@ -110,6 +110,7 @@ def test_archer_finds_the_labs_race(tmp_path: Path) -> None:
     )
     program = tmp_path / "race"
     subprocess.run(
-        ["clang", "-g", "-fopenmp", "-fsanitize=thread", str(source), "-o", str(program)], check=True
+        ["clang", "-g", "-fopenmp", "-fsanitize=thread", str(source), "-o", str(program)],
+        check=True,
     )
     assert "WARNING: ThreadSanitizer: data race" in run_with_archer(program).stderr

@@ -1,5 +1,7 @@
 """The C and the Python scene reader are one contract: both accept or both refuse."""
 
+# ruff: noqa: E501 (a case a line)
+
 from __future__ import annotations
 
 import copy
@@ -260,9 +262,7 @@ def paths(data: Any, prefix: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
         if isinstance(data, list)
         else ()
     )
-    return [
-        p for step, value in steps for p in ((*prefix, step), *paths(value, (*prefix, step)))
-    ]
+    return [p for step, value in steps for p in ((*prefix, step), *paths(value, (*prefix, step)))]
 
 
 @settings(

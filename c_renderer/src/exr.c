@@ -8,25 +8,22 @@
 
 #include <openexr.h>
 
-
 /* Alphabetical, as the format wants them: channel i is plane 2 - i % 3 of its buffer below. */
-static const char *const CHANNELS[6] = {"B",          "G",          "R",
-                                        "variance.B", "variance.G", "variance.R"};
+static const char *const CHANNELS[6] = {"B", "G", "R", "variance.B", "variance.G", "variance.R"};
 
 static exr_result_t write_header(exr_context_t exr, const Scene *scene,
-                                 const RenderSettings *settings, double seconds,
-                                 int nb_channels)
+                                 const RenderSettings *settings, double seconds, int nb_channels)
 {
     char seed[24];
     snprintf(seed, sizeof seed, "%" PRIu64, settings->seed);
     int part;
     exr_result_t result = exr_add_part(exr, "image", EXR_STORAGE_SCANLINE, &part);
     if (!result)
-        result = exr_initialize_required_attr_simple(exr, part, settings->width,
-                                                     settings->height, EXR_COMPRESSION_ZIP);
+        result = exr_initialize_required_attr_simple(exr, part, settings->width, settings->height,
+                                                     EXR_COMPRESSION_ZIP);
     for (int c = 0; c < nb_channels && !result; c++)
-        result = exr_add_channel(exr, part, CHANNELS[c], EXR_PIXEL_FLOAT,
-                                 EXR_PERCEPTUALLY_LINEAR, 1, 1);
+        result =
+            exr_add_channel(exr, part, CHANNELS[c], EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
     if (!result)
         result = exr_attr_set_string(exr, part, "sceneName", scene->name);
     if (!result)
@@ -38,8 +35,7 @@ static exr_result_t write_header(exr_context_t exr, const Scene *scene,
     if (!result)
         result = exr_attr_set_string(exr, part, "seed", seed);
     if (!result)
-        result = exr_attr_set_string(exr, part, "sampler",
-                                     RENDER_SAMPLER_NAMES[settings->sampler]);
+        result = exr_attr_set_string(exr, part, "sampler", RENDER_SAMPLER_NAMES[settings->sampler]);
     if (!result)
         result = exr_attr_set_string(exr, part, "estimator",
                                      RENDER_ESTIMATOR_NAMES[settings->estimator]);
@@ -85,9 +81,8 @@ static void be_silent(exr_const_context_t exr, exr_result_t code, const char *me
     (void)message;
 }
 
-bool exr_write(const char *file, const Scene *scene, const RenderSettings *settings,
-               double seconds, const float *radiance, const float *variance, char *message,
-               size_t message_size)
+bool exr_write(const char *file, const Scene *scene, const RenderSettings *settings, double seconds,
+               const float *radiance, const float *variance, char *message, size_t message_size)
 {
     char *part = malloc(strlen(file) + sizeof ".part");
     if (!part) {

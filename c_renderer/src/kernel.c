@@ -53,8 +53,8 @@ typedef struct {
 /* Sums (n . w) / |w|^4 over the visible ones of `count` samples. */
 static FOR_EACH_COMBINATION void sum_samples(const LightPacket *restrict light,
                                              const PointPacket *restrict points, int count,
-                                             SumPacket *restrict result, bool table,
-                                             bool clamp, int nb_occluders)
+                                             SumPacket *restrict result, bool table, bool clamp,
+                                             int nb_occluders)
 {
     const LightPacket l = *light;
     const real ux = l.ux, vx = l.vx, vy = l.vy;
@@ -66,10 +66,10 @@ static FOR_EACH_COMBINATION void sum_samples(const LightPacket *restrict light,
         SIMD for (int i = 0; i < LANES; i++)
         {
             /* table points are in [1, 2): see_light has moved the corner back by u + v */
-            real s = table ? (real)sobol_to_one_two(points->table_x[j] ^ shift_x[i])
-                           : points->x[j][i];
-            real t = table ? (real)sobol_to_one_two(points->table_y[j] ^ shift_y[i])
-                           : points->y[j][i];
+            real s =
+                table ? (real)sobol_to_one_two(points->table_x[j] ^ shift_x[i]) : points->x[j][i];
+            real t =
+                table ? (real)sobol_to_one_two(points->table_y[j] ^ shift_y[i]) : points->y[j][i];
             real wx = l.cx[i] + s * ux + t * vx;
             real wy = l.cy[i] + t * vy;
             real distance_squared = wx * wx + (wy * wy + l.h_squared[i]);
@@ -95,16 +95,16 @@ static void sum_chunk(const LightPacket *light, const PointPacket *points, int c
                       SumPacket *result)
 {
     const bool table = points->table_x, clamp = light->crosses_horizon;
-#define OCCLUDERS(N)                                                                           \
-    case N:                                                                                    \
-        if (table && clamp)                                                                    \
-            sum_samples(light, points, count, result, true, true, N);                          \
-        else if (table)                                                                        \
-            sum_samples(light, points, count, result, true, false, N);                         \
-        else if (clamp)                                                                        \
-            sum_samples(light, points, count, result, false, true, N);                         \
-        else                                                                                   \
-            sum_samples(light, points, count, result, false, false, N);                        \
+#define OCCLUDERS(N)                                                                               \
+    case N:                                                                                        \
+        if (table && clamp)                                                                        \
+            sum_samples(light, points, count, result, true, true, N);                              \
+        else if (table)                                                                            \
+            sum_samples(light, points, count, result, true, false, N);                             \
+        else if (clamp)                                                                            \
+            sum_samples(light, points, count, result, false, true, N);                             \
+        else                                                                                       \
+            sum_samples(light, points, count, result, false, false, N);                            \
         break;
     switch (light->nb_occluders) {
         OCCLUDERS(0)
@@ -211,8 +211,8 @@ static Seen see_sphere(const Sphere *sphere, int object, Vec3 e1, Vec3 e2, Vec3 
         real apart = below > above ? below : above;
         apart = left > apart ? left : apart;
         apart = right > apart ? right : apart;
-        apart = -cz > apart ? -cz : apart;         /* behind the point */
-        apart = cz - h > apart ? cz - h : apart;   /* behind the light */
+        apart = -cz > apart ? -cz : apart;       /* behind the point */
+        apart = cz - h > apart ? cz - h : apart; /* behind the light */
         clearance[i] = room - apart;
         behind[i] = cz + room - h;
         gap[i] = cx * cx + cy * cy + cz * cz - r_squared;
@@ -351,8 +351,8 @@ static void random_points(const PointSet *set, RngStream first, int first_sample
     }
 }
 
-static void sum_light(LightPacket *light, const PointSet *set, RngStream first,
-                      uint32_t dimension, double sum[LANES], double sum_of_squares[LANES])
+static void sum_light(LightPacket *light, const PointSet *set, RngStream first, uint32_t dimension,
+                      double sum[LANES], double sum_of_squares[LANES])
 {
     PointPacket points;
     SumPacket chunk;
@@ -448,8 +448,8 @@ void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const Poi
         if (light->type == LIGHT_QUAD)
             seen = see_light(scene, &light->shape.quad, hits, &packet);
         if (seen == SEEN_SAMPLED)
-            quad_estimate(&packet, light->shape.quad.radiance, hits, points, first,
-                          (uint32_t)i + 1, result);
+            quad_estimate(&packet, light->shape.quad.radiance, hits, points, first, (uint32_t)i + 1,
+                          result);
         else if (seen == SEEN_STRANGE)
             textbook_estimate(scene, i, hits, points, first, result);
     }

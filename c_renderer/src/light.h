@@ -35,9 +35,9 @@ typedef struct {
 /* The lab's LightSample. Its pdf is the density of the direction, per solid angle; a point
  * light has one direction, with pdf 1 by convention. */
 typedef struct {
-    Vec3 direction; /* unit, from the surface to the light */
-    real distance;  /* [m] */
-    Rgb radiance;   /* emitted radiance / pdf_solid_angle: already divided, step (d) */
+    Vec3 direction;       /* unit, from the surface to the light */
+    real distance;        /* [m] */
+    Rgb radiance;         /* emitted radiance / pdf_solid_angle: already divided, step (d) */
     real pdf_solid_angle; /* [sr^-1]; 0 where the light's dark side is seen */
 } LightSample;
 

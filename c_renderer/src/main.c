@@ -85,7 +85,19 @@ static int parse_name(const char *option, const char *text, const char *const *n
 
 static Options parse_options(int argc, char **argv)
 {
-    enum { LIGHT = 1, PIXEL, SAMPLER, ESTIMATOR, SEED, THREADS, WIDTH, HEIGHT, PRINT, VERSION, HELP_OPTION };
+    enum {
+        LIGHT = 1,
+        PIXEL,
+        SAMPLER,
+        ESTIMATOR,
+        SEED,
+        THREADS,
+        WIDTH,
+        HEIGHT,
+        PRINT,
+        VERSION,
+        HELP_OPTION
+    };
     static const struct option LONG[] = {{"output", required_argument, NULL, 'o'},
                                          {"light-samples", required_argument, NULL, LIGHT},
                                          {"pixel-samples", required_argument, NULL, PIXEL},
@@ -116,8 +128,7 @@ static Options parse_options(int argc, char **argv)
             settings->samples_per_pixel = (int)parse_number("pixel-samples", optarg, 1, 1 << 16);
             break;
         case SAMPLER:
-            settings->sampler =
-                (Sampler)parse_name("sampler", optarg, RENDER_SAMPLER_NAMES, 3);
+            settings->sampler = (Sampler)parse_name("sampler", optarg, RENDER_SAMPLER_NAMES, 3);
             break;
         case ESTIMATOR:
             settings->estimator =

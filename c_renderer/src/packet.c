@@ -104,8 +104,8 @@ static void shade_plane(const Plane *plane, int object, HitPacket *hits)
     }
 }
 
-void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], int width,
-                int height, HitPacket *hits)
+void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], int width, int height,
+                HitPacket *hits)
 {
     const Vec3 origin = scene->camera.position;
     Vec3Packet direction;

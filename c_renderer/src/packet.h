@@ -30,8 +30,8 @@ typedef struct {
 } HitPacket;
 
 /* Rays through the image positions (x[lane], y[lane]) [pixels] and what they hit. */
-void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], int width,
-                int height, HitPacket *hits);
+void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], int width, int height,
+                HitPacket *hits);
 
 /* One lane by itself. */
 Hit packet_lane(const HitPacket *hits, int lane);

@@ -175,12 +175,11 @@ static void render_row_in_packets(const Job *job, int y)
 
 /* ---- all rows, on all threads ---- */
 
-bool render(const Scene *scene, const RenderSettings *settings, float *radiance,
-            float *variance, RenderProgress *progress, void *user)
+bool render(const Scene *scene, const RenderSettings *settings, float *radiance, float *variance,
+            RenderProgress *progress, void *user)
 {
     PointSet points;
-    if (!point_set_create(&points, settings->sampler, settings->nb_light_samples,
-                          settings->seed))
+    if (!point_set_create(&points, settings->sampler, settings->nb_light_samples, settings->seed))
         return false;
     const Job job = {scene, settings, &points, radiance, variance};
     int rows_done = 0;

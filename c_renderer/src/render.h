@@ -32,8 +32,8 @@ typedef void RenderProgress(int rows_done, int rows, void *user);
 /* Fills radiance and variance (of each pixel's mean): each three planes R, G, B of
  * width * height floats, rows from the top. The same settings but threads give the same bits.
  * False: out of memory. */
-bool render(const Scene *scene, const RenderSettings *settings, float *radiance,
-            float *variance, RenderProgress *progress, void *user);
+bool render(const Scene *scene, const RenderSettings *settings, float *radiance, float *variance,
+            RenderProgress *progress, void *user);
 
 /* Whether the samples tell a variance: a single one has no scatter, and samples that avoid each
  * other scatter more than their mean does. Several pixel samples are independent in any case. */

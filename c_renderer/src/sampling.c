@@ -77,8 +77,7 @@ void point_set_free(PointSet *set)
     *set = (PointSet){0};
 }
 
-Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index,
-                       uint32_t dimension)
+Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index, uint32_t dimension)
 {
     switch (set->sampler) {
     case SAMPLER_INDEPENDENT:

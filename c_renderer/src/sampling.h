@@ -15,9 +15,9 @@ typedef enum {
 /* The points of every pixel and light of one image. */
 typedef struct {
     Sampler sampler;
-    int count;           /* points for each light and pixel sample, >= 1 */
-    int columns, rows;   /* SAMPLER_JITTERED: the grid, columns * rows == count */
-    uint32_t *table[2];  /* SAMPLER_SOBOL: 32-bit coordinates, before the pixel's shift */
+    int count;          /* points for each light and pixel sample, >= 1 */
+    int columns, rows;  /* SAMPLER_JITTERED: the grid, columns * rows == count */
+    uint32_t *table[2]; /* SAMPLER_SOBOL: 32-bit coordinates, before the pixel's shift */
 } PointSet;
 
 /* False: out of memory. Otherwise the caller owes a point_set_free. */
@@ -26,8 +26,7 @@ void point_set_free(PointSet *set);
 
 /* Point 0 <= index < count of a stream and dimension (rng.h), in [0, 1) x [0, 1). Each alone is
  * uniform, so each sampler is unbiased; together the later samplers' points spread more evenly. */
-Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index,
-                       uint32_t dimension);
+Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index, uint32_t dimension);
 
 /* What the kernel does for many pixels at a time (kernel.c) is built from the same pieces. */
 

@@ -13,11 +13,11 @@ enum { SCENE_NOTHING = -1 };
 /* Object ids: spheres from 0, then planes. The arrays belong to the scene. */
 typedef struct {
     char name[41];
-    char hash[17]; /* FNV-1a of what is seen, in hexadecimal: equal scenes, equal hashes */
+    char hash[17];     /* FNV-1a of what is seen, in hexadecimal: equal scenes, equal hashes */
     int width, height; /* [pixels]; what the file asks for */
     Camera camera;
-    Rgb background;         /* [W m^-2 sr^-1] */
-    real ray_max_distance;  /* [m]; camera rays end there */
+    Rgb background;        /* [W m^-2 sr^-1] */
+    real ray_max_distance; /* [m]; camera rays end there */
     int nb_spheres, nb_planes, nb_lights;
     Sphere *spheres;
     Plane *planes;
@@ -26,8 +26,8 @@ typedef struct {
 
 /* Where a ray meets a surface. */
 typedef struct {
-    int object; /* SCENE_NOTHING for none, and then nothing else is set */
-    Vec3 point; /* [m] */
+    int object;  /* SCENE_NOTHING for none, and then nothing else is set */
+    Vec3 point;  /* [m] */
     Vec3 normal; /* unit, turned towards the ray's origin */
     Rgb brdf;    /* [sr^-1] */
 } Hit;

@@ -89,8 +89,7 @@ static const char *find_step(const char *container, Step step)
             p = skip_string(p);
             size_t length = (size_t)(p - start) - 2;
             p = skip_space(skip_space(p) + 1); /* past the colon */
-            if (step.key && length == strlen(step.key) &&
-                memcmp(start + 1, step.key, length) == 0)
+            if (step.key && length == strlen(step.key) && memcmp(start + 1, step.key, length) == 0)
                 return p;
         } else if (!step.key && i == step.index) {
             return p;
@@ -140,10 +139,9 @@ static void refuse(Reader *reader, const char *format, ...)
     size_t used = 0;
     for (int i = 0; i < reader->depth && used < sizeof key; i++) {
         Step step = reader->path[i];
-        used += (size_t)(step.key ? snprintf(key + used, sizeof key - used, "%s%s",
-                                             i ? "." : "", step.key)
-                                  : snprintf(key + used, sizeof key - used, "[%zu]",
-                                             step.index));
+        used += (size_t)(step.key ? snprintf(key + used, sizeof key - used, "%s%s", i ? "." : "",
+                                             step.key)
+                                  : snprintf(key + used, sizeof key - used, "[%zu]", step.index));
     }
     va_list arguments;
     va_start(arguments, format);
@@ -263,9 +261,8 @@ static void get_name(Reader *reader, const json_t *object, char name[MAX_NAME + 
     enter(reader, "name", 0);
     const char *text = json_is_string(value) ? json_string_value(value) : "";
     size_t length = strlen(text);
-    if (!reader->refused &&
-        (length < 1 || length > MAX_NAME || *text < 'a' || *text > 'z' ||
-         strspn(text, "abcdefghijklmnopqrstuvwxyz0123456789_") != length))
+    if (!reader->refused && (length < 1 || length > MAX_NAME || *text < 'a' || *text > 'z' ||
+                             strspn(text, "abcdefghijklmnopqrstuvwxyz0123456789_") != length))
         refuse(reader, "not a name of a letter a-z, then up to 39 of a-z, 0-9 and _");
     for (size_t i = 0; i < sizeof RESERVED / sizeof *RESERVED; i++)
         if (strcmp(text, RESERVED[i]) == 0)
@@ -289,8 +286,7 @@ static void check_description(Reader *reader, const json_t *root)
 }
 
 /* An optional array of at most MAX_ITEMS; NULL and count 0 where it is left out. */
-static const json_t *get_items(Reader *reader, const json_t *root, const char *key,
-                               int *count)
+static const json_t *get_items(Reader *reader, const json_t *root, const char *key, int *count)
 {
     const json_t *array = json_object_get(root, key);
     *count = 0;
@@ -306,8 +302,8 @@ static const json_t *get_items(Reader *reader, const json_t *root, const char *k
 }
 
 /* Refuses a name that an earlier item of either array bears. */
-static void check_unique(Reader *reader, const json_t *root, const char *first,
-                         const char *second, const char *kind)
+static void check_unique(Reader *reader, const json_t *root, const char *first, const char *second,
+                         const char *kind)
 {
     const json_t *seen = json_object();
     const char *const groups[2] = {first, second};
@@ -319,8 +315,7 @@ static void check_unique(Reader *reader, const json_t *root, const char *first,
             enter(reader, NULL, i);
             enter(reader, "name", 0);
             if (json_object_get(seen, json_string_value(name)))
-                refuse(reader, "there is already a %s named \"%s\"", kind,
-                       json_string_value(name));
+                refuse(reader, "there is already a %s named \"%s\"", kind, json_string_value(name));
             json_object_set_new((json_t *)seen, json_string_value(name), json_true());
             reader->depth -= 3;
         }
@@ -493,8 +488,7 @@ static void read_point_light(Reader *reader, const json_t *item, size_t index, v
     put_field(reader, "position", position);
     put_field(reader, "radiant_intensity", radiant_intensity);
     put(reader, "}");
-    *(Light *)out = (Light){LIGHT_POINT,
-                            {.point = {to_vec3(position), to_rgb(radiant_intensity)}}};
+    *(Light *)out = (Light){LIGHT_POINT, {.point = {to_vec3(position), to_rgb(radiant_intensity)}}};
 }
 
 static void read_quad_light(Reader *reader, const json_t *item, size_t index, void *out)
@@ -561,9 +555,8 @@ static Camera read_camera(Reader *reader, const json_t *root)
 static void read_scene(Reader *reader, const json_t *root, Scene *scene)
 {
     static const char *const KEYS[] = {
-        "name",     "?description", "image",         "camera",       "background",
-        "?spheres", "?planes",      "?point_lights", "?quad_lights", "ray_max_distance",
-        NULL};
+        "name",    "?description",  "image",        "camera",           "background", "?spheres",
+        "?planes", "?point_lights", "?quad_lights", "ray_max_distance", NULL};
     static const char *const IMAGE_KEYS[] = {"width", "height", NULL};
 
     check_keys(reader, root, KEYS);
@@ -594,18 +587,17 @@ static void read_scene(Reader *reader, const json_t *root, Scene *scene)
         refuse_at_line(reader, 0, "", "out of memory");
         return;
     }
-    scene->nb_spheres = read_items(reader, root, "spheres", read_sphere, scene->spheres,
-                                   sizeof *scene->spheres);
+    scene->nb_spheres =
+        read_items(reader, root, "spheres", read_sphere, scene->spheres, sizeof *scene->spheres);
     put(reader, ",\n");
-    scene->nb_planes = read_items(reader, root, "planes", read_plane, scene->planes,
-                                  sizeof *scene->planes);
+    scene->nb_planes =
+        read_items(reader, root, "planes", read_plane, scene->planes, sizeof *scene->planes);
     put(reader, ",\n");
-    scene->nb_lights = read_items(reader, root, "point_lights", read_point_light,
-                                  scene->lights, sizeof *scene->lights);
+    scene->nb_lights = read_items(reader, root, "point_lights", read_point_light, scene->lights,
+                                  sizeof *scene->lights);
     put(reader, ",\n");
-    scene->nb_lights +=
-        read_items(reader, root, "quad_lights", read_quad_light,
-                   scene->lights + scene->nb_lights, sizeof *scene->lights);
+    scene->nb_lights += read_items(reader, root, "quad_lights", read_quad_light,
+                                   scene->lights + scene->nb_lights, sizeof *scene->lights);
     put(reader, "\n");
     check_unique(reader, root, "spheres", "planes", "object");
     check_unique(reader, root, "point_lights", "quad_lights", "light");
@@ -652,8 +644,7 @@ static char *whole_dump(Reader *reader, const Scene *scene)
     return reader->dump;
 }
 
-bool scene_read(const char *file, Scene *scene, char **dump, char *message,
-                size_t message_size)
+bool scene_read(const char *file, Scene *scene, char **dump, char *message, size_t message_size)
 {
     Reader reader = {.file = file, .message = message, .message_size = message_size};
     *scene = (Scene){0};

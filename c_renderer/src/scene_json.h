@@ -12,7 +12,6 @@
  * caller owes a scene_free(scene) and, where dump is not NULL, a free(*dump): the scene in SI as
  * JSON text, in double precision. On failure nothing is owed, and message (cut at message_size)
  * reads "file:line: key: reason". */
-bool scene_read(const char *file, Scene *scene, char **dump, char *message,
-                size_t message_size);
+bool scene_read(const char *file, Scene *scene, char **dump, char *message, size_t message_size);
 
 #endif
