@@ -52,6 +52,7 @@ def quad_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView
     near = receivers[facing]
     to_corner = corner - near.point
     polygon = Polygon.parallelogram(to_corner, edge_u, edge_v)
+    error[facing] = ROUNDING * polygon.angle.sum(axis=1)
     cut = np.zeros(len(near), dtype=bool)
     for half_space in _half_spaces(scene, near):
         polygon, was_cut = polygon.clipped(*half_space, np.asarray(light.normal))
@@ -62,7 +63,6 @@ def quad_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView
     caps, blocked, mixed = _sphere_shadows(scene, light, near, polygon)
     view = _unoccluded(polygon, near.normal)
     value[index] = np.where(blocked, 0, view)
-    error[index] = ROUNDING * polygon.angle.sum(axis=1)
     whole[index] = ~(cut | blocked | mixed)
     hidden[index] = blocked
     unsolved[index] = mixed & ~blocked
@@ -134,11 +134,11 @@ class Polygon:
         touch = TOUCH * (np.sqrt(_dot(self.vertex, self.vertex)) + offset[:, None])
         height[np.abs(height) <= touch] = 0
         lost = (height < 0).any(axis=1)
-        gone = ~(height > 0).any(axis=1)
+        gone = lost & ~(height > 0).any(axis=1)
         crosses = np.flatnonzero(lost & ~gone & ~self.empty)
         empty = self.empty | gone
         if not len(crosses):
-            return Polygon(self.vertex, self.side, empty), lost | gone
+            return Polygon(self.vertex, self.side, empty), lost
 
         vertex, side, height = self.vertex[crosses], self.side[crosses], height[crosses]
         after, height_after = np.roll(vertex, -1, axis=1), np.roll(height, -1, axis=1)
@@ -168,7 +168,7 @@ class Polygon:
         all_sides = np.concatenate([self.side, no_side], axis=1)
         all_corners[crosses] = np.where(unused, corners[:, :1], corners)
         all_sides[crosses] = np.where(unused, light_normal, sides)
-        return Polygon(all_corners, all_sides, empty), lost | gone
+        return Polygon(all_corners, all_sides, empty), lost
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ def _half_spaces(scene: Scene, receivers: Receivers) -> list[tuple[np.ndarray, n
     for i, plane in enumerate(scene.planes, start=len(scene.spheres)):
         normal = np.asarray(plane.normal)
         height = (receivers.point - np.asarray(plane.point)) @ normal
-        own = receivers.object_id == i
+        own = (receivers.object_id == i) | (height == 0)
         towards = np.where(own[:, None], receivers.normal, np.copysign(1, height)[:, None] * normal)
         result.append((towards, np.where(own, 0, np.abs(height))))
     return result
@@ -237,7 +237,7 @@ def _sphere_shadows(
         beyond = float(normal @ (np.asarray(sphere.center) - np.asarray(light.corner)))
         slack = TOUCH * sphere.radius
         if beyond < sphere.radius - slack:
-            sine = np.minimum(sphere.radius / distance, 1)
+            sine = sphere.radius / np.maximum(distance, sphere.radius)
             cosine = np.sqrt(1 - sine**2)
             # angle(axis, middle) <= half-angle + spread; the 1e-7 covers the square roots above
             reach = cosine * cosine_spread - sine * sine_spread - 1e-7

@@ -23,6 +23,9 @@ DEPTH = 50
 """Halvings of one panel; 2^-50 of it cannot matter."""
 MOST = 500
 """Panels of one receiver still to be halved: more of them at once are noise, not shape."""
+CAUTION = 10
+"""Times the difference of the two rules is what counts as the error: beside a kink both are
+off alike, and the difference alone has been seen 2.6 times too small."""
 PIXELS, PANELS = 1024, 4096
 """Receivers and panels worked on at once: bounds the memory."""
 
@@ -150,7 +153,7 @@ class _Lines:
 
     def t_of(self, x: np.ndarray) -> np.ndarray:
         """t of points (n, k, 3) of the light's plane."""
-        across = np.cross(np.cross(self.u, self.v), self.u)
+        across = _cross(_cross(self.u, self.v), self.u)
         return np.asarray(((x - self.corner[:, None]) @ across) / (across @ self.v))
 
 
@@ -233,7 +236,7 @@ def _panel_sums(lines: _Lines, panels: _Panels) -> tuple[np.ndarray, np.ndarray]
     t = panels.first[:, None] + width * (1 + np.sin(0.5 * np.pi * x))
     slope = 0.5 * np.pi * np.cos(0.5 * np.pi * x) * width * half
     integrand = slope * _line_integral(lines, panels.pixel, t)
-    return integrand @ KRONROD, np.abs(integrand @ (KRONROD - GAUSS))
+    return integrand @ KRONROD, CAUTION * np.abs(integrand @ (KRONROD - GAUSS))
 
 
 def _breaks(lines: _Lines) -> np.ndarray:
@@ -249,10 +252,10 @@ def _breaks(lines: _Lines) -> np.ndarray:
 def _tangents(lines: _Lines) -> list[np.ndarray]:
     """Where a line of constant t touches a shadow's cone, or the ball itself."""
     u, r, c, r2 = lines.u, lines.corner[:, None], lines.centre, lines.radius**2
-    start, slope = np.cross(u, r), np.cross(u, lines.v)
+    start, slope = _cross(u, r), _cross(u, lines.v)
     # start + t slope is normal to the plane through the receiver and the line.
     c_start, c_slope = _dot(start, c), c @ slope
-    offset = start - np.cross(u, c)
+    offset = start - _cross(u, c)
     return [
         *_roots(
             c_slope**2 - r2 * (slope @ slope),
@@ -268,13 +271,13 @@ def _tangents(lines: _Lines) -> list[np.ndarray]:
 def _edge_crossings(lines: _Lines) -> list[np.ndarray]:
     """Where s = 0, s = 1 and the half-spaces' edges cross each other and the shadows' outlines."""
     corner, normal, offset = lines.corner, lines.normal, lines.offset
-    light_normal = np.cross(lines.u, lines.v) / lines.area
+    light_normal = _cross(lines.u, lines.v) / lines.area
     edges = [(corner, lines.v[None]), (corner + lines.u, lines.v[None])]
     foot = lines.height[:, None] * light_normal
     for h in range(offset.shape[1]):
         level = normal[:, h] - (normal[:, h] @ light_normal)[:, None] * light_normal
         away = (_dot(normal[:, h], foot) + offset[:, h]) / _dot(level, level)
-        edges.append((foot - away[:, None] * level, np.cross(normal[:, h], light_normal)))
+        edges.append((foot - away[:, None] * level, _cross(normal[:, h], light_normal)))
     found = []
     for start, along in edges:
         x, e = start[:, None], along[:, None]
@@ -287,7 +290,7 @@ def _edge_crossings(lines: _Lines) -> list[np.ndarray]:
 
 def _cone_crossings(lines: _Lines) -> list[np.ndarray]:
     """Where the outlines of two balls cross: unit w with w . a = cos alpha for both."""
-    light_normal = np.cross(lines.u, lines.v) / lines.area
+    light_normal = _cross(lines.u, lines.v) / lines.area
     distance = np.sqrt(_dot(lines.centre, lines.centre))
     axis = lines.centre / distance[..., None]
     cosine = np.sqrt((distance - lines.radius) * (distance + lines.radius)) / distance
@@ -304,7 +307,7 @@ def _cone_crossings(lines: _Lines) -> list[np.ndarray]:
         x, y = (cos_a - g * cos_b) / (1 - g * g), (cos_b - g * cos_a) / (1 - g * g)
         z = np.sqrt((1 - x * cos_a - y * cos_b) / (1 - g * g))
         for sign in (-1, 1):
-            w = x[..., None] * a + y[..., None] * b + sign * z[..., None] * np.cross(a, b)
+            w = x[..., None] * a + y[..., None] * b + sign * z[..., None] * _cross(a, b)
             found.append(lines.t_of(w * (lines.height[:, None] / (w @ light_normal))[..., None]))
     return found
 
@@ -411,12 +414,13 @@ def _behind_ball(
     x: np.ndarray, u: np.ndarray, centre: np.ndarray, radius: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The interval of s with x + s u in the tangent cone, behind the tangent circle's plane:
-    (c.x)^2 >= (c.c - r^2) x.x and c.x >= c.c - r^2; (inf, -inf) where there is none."""
+    |c x x| <= r |x| and c.x >= c.c - r^2; (inf, -inf) where there is none."""
     cx, cu = _dot(centre, x), _dot(centre, u)
-    polar = _dot(centre, centre) - radius**2
-    a = cu**2 - polar * _dot(u, u)
-    b = cx * cu - polar * _dot(x, u)
-    c = cx**2 - polar * _dot(x, x)
+    across_x, across_u, r2 = _cross(centre, x), _cross(centre, u), radius**2
+    polar = _dot(centre, centre) - r2
+    a = r2 * _dot(u, u) - _dot(across_u, across_u)
+    b = r2 * _dot(x, u) - _dot(across_x, across_u)
+    c = r2 * _dot(x, x) - _dot(across_x, across_x)
     discriminant = b * b - a * c
     none = (discriminant < 0) & (a < 0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -433,3 +437,10 @@ def _behind_ball(
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """np.cross, several times as fast."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
