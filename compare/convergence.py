@@ -338,7 +338,7 @@ def _measure(job: Job, file: Path, wall_seconds: float, bench: _Bench) -> dict[s
     truth = bench.truth(job.pixel_samples)
     radiance = truth.radiance
     if file.suffix in EIGHT_BIT:
-        radiance = np.clip(radiance, 0.5 / 255, 254.5 / 255)
+        radiance = np.where(radiance >= 1, 255.5 / 255, np.maximum(radiance, 0.5 / 255))
     regions = {}
     for region, mask in truth.regions.items():
         values = {

@@ -278,10 +278,10 @@ def _meaning(code: int) -> str:
 
 def penumbra_renderer(timeout: float = TIMEOUT) -> CommandRenderer:
     """The C renderer of this repository."""
-    program = ROOT / "build" / "bin" / "penumbra-render"
+    program = os.path.relpath(ROOT / "build" / "bin" / "penumbra-render")
     return CommandRenderer(
         "penumbra",
-        f"{shlex.quote(str(program))} {{scene}} -o {{out}} --light-samples {{light_samples}} "
+        f"{shlex.quote(program)} {{scene}} -o {{out}} --light-samples {{light_samples}} "
         "--pixel-samples {pixel_samples} --seed {seed} --threads {threads} "
         "--width {width} --height {height}",
         timeout=timeout,

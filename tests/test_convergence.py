@@ -37,7 +37,7 @@ WIDTH, HEIGHT = 36, 24
 DOUBLINGS = 2.0 ** np.arange(13)
 
 FAKE = """\
-import array, os, random, sys, time
+import array, os, random, struct, sys, time, zlib
 
 what, scene, light_samples, seed, out = sys.argv[1:]
 light_samples, seed = int(light_samples), int(seed)
@@ -74,6 +74,19 @@ elif what == "crashes":
     os.abort()
 elif what == "hangs":
     time.sleep(1000)
+elif what == "exact in 8 bits":
+    width, height = (int(word) for word in header[1].split())
+    levels = bytes(int(255 * min(max(t, 0), 1)) for t in truth)
+    rows = [levels[3 * width * y : 3 * width * (y + 1)] for y in reversed(range(height))]
+    chunks = (
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
+        (b"IDAT", zlib.compress(b"".join(b"\\0" + row for row in rows))),
+        (b"IEND", b""),
+    )
+    header, image = [b"\\x89PNG\\r\\n\\x1a\\n"], array.array("f")
+    for kind, data in chunks:
+        crc = struct.pack(">I", zlib.crc32(kind + data))
+        header += [struct.pack(">I", len(data)), kind, data, crc]
 with open(out, "wb") as stream:
     stream.write(b"".join(header) + image.tobytes())
 """
@@ -91,8 +104,8 @@ def fake(tmp_path: Path, scene: Path) -> Callable[..., CommandRenderer]:
     truth = exact_image(read_scene(scene)).radiance[::-1].astype("<f4")
     (tmp_path / "truth.pfm").write_bytes(f"PF\n{WIDTH} {HEIGHT}\n-1\n".encode() + truth.tobytes())
 
-    def make(what: str, timeout: float = 60) -> CommandRenderer:
-        return CommandRenderer("fake", fake_command(tmp_path, what), ".pfm", timeout)
+    def make(what: str, timeout: float = 60, suffix: str = ".pfm") -> CommandRenderer:
+        return CommandRenderer("fake", fake_command(tmp_path, what), suffix, timeout)
 
     return make
 
@@ -274,6 +287,21 @@ def test_images_that_do_not_change_with_the_seed_have_no_interval(
     found = slope_of(converge(study(scene, fake("seedless"))), "lit")
     assert found["slope"] == pytest.approx(-0.5, abs=1e-5)
     assert found["low"] is None
+
+
+def test_exact_image_in_8_bits_is_within_half_a_level_and_has_no_slope(
+    scene: Path, fake: Callable[..., CommandRenderer]
+) -> None:
+    """The lab's file says v for all of [v, v + 1) / 255, read as its middle: off by 1/510 at
+    most, black and white included. An error that the file's 8 bits account for is no noise."""
+    result = converge(study(scene, fake("exact in 8 bits", suffix=".png")))
+    rows = rows_of(scene.parent / "result.csv")
+    assert max(float(row["rmse"]) for row in rows) <= 1 / 510
+    assert max(float(row["rmse"]) for row in rows if row["region"] == "lit") > 0
+    assert result["slopes"] == []
+    reasons = {row["region"]: row["reason"] for row in result["without_slope"]}
+    assert reasons["lit"] == "no more error than rounding and the exact solution may have"
+    assert reasons["umbra"] == "no error at all"
 
 
 def test_images_are_kept_only_if_asked(scene: Path, fake: Callable[..., CommandRenderer]) -> None:
