@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ RELATIVE_LIMIT = 0.02
 Z_LIMIT = 4.0
 """End of the colour bar of standardised differences."""
 FIRST_REGIONS = ("all", "lit", "penumbra")
+REGIONS = {"all": "all objects"}
 RENDERERS = {"penumbra": "C", "cycles": "Cycles"}
 
 CONTENTS = (
@@ -56,6 +58,7 @@ CONTENTS = (
     ("remake", "What was rendered, and how to remake it"),
     ("glossary", "Glossary"),
 )
+
 
 def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
     """Write the page `out` from the files of `report.inputs.INPUTS` in build_dir.
@@ -88,8 +91,11 @@ def page(data: Data) -> str:
             **_provenance(data),
         }
         sections["glance"] = _glance(data)
-    except (KeyError, TypeError) as error:
-        raise ReportError(f"an input lacks what the page needs: {error!r}; remake it") from error
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ReportError(
+            f"an input lacks what the page needs ({error!r}); `make clean` and `make report` "
+            "make all of them anew"
+        ) from error
     return environment.get_template("page.html.j2").render(
         **sections,
         version=provenance.VERSION,
@@ -217,14 +223,13 @@ class _Gallery:
             return {"a": self.index[a], "b": self.index[b], "mode": mode}
 
         statement = [image_file("tp3_statement", n) for n in LIGHT_SAMPLES]
+        antialiased = image_file("tp3", FEW, PIXEL_SAMPLES)
         return {
             "start": link(statement[1], "tp3_statement", "split"),
             "figure_1": link(best_image_file("tp3_point"), best_image_file("tp3"), "a"),
             "figure_4": link(statement[0], statement[-1], "split"),
-            "figure_8": link(
-                image_file("tp3", FEW, PIXEL_SAMPLES), image_file("tp3", FEW * PIXEL_SAMPLES), "split"
-            ),
-        }  # fmt: skip
+            "figure_8": link(antialiased, image_file("tp3", FEW * PIXEL_SAMPLES), "split"),
+        }
 
 
 # Agreement
@@ -259,10 +264,12 @@ def _all_rows(data: Data) -> list[dict[str, Any]]:
 
 
 def _verdict_count(rows: Sequence[dict[str, Any]]) -> str:
-    counts = {v: sum(row["verdict"] == v for row in rows) for v in ("agrees", "differs", "undecided")}
+    counts = Counter(row["verdict"] for row in rows)
     words = [f"{counts['agrees']} of {len(rows)} agree"]
-    words += [f"{counts['differs']} differ{'s' * (counts['differs'] == 1)}"] * (counts["differs"] > 0)
-    words += [f"{counts['undecided']} undecided"] * (counts["undecided"] > 0)
+    if counts["differs"]:
+        words.append(f"{counts['differs']} differ")
+    if counts["undecided"]:
+        words.append(f"{counts['undecided']} undecided")
     return ", ".join(words)
 
 
@@ -391,10 +398,9 @@ def _convergence(data: Data) -> dict[str, Any]:
     regions = _panel_regions(curves)
     style = figures.styles(c["renderer"] for c in curves)
     scene = data.convergence["scene"]
-    seeds = data.convergence.get("seeds")
-    bands = "; ".join(
-        [f"{seeds} seeds for each N" if seeds else "several seeds for each N"]
-        + [f"bands are {_percent(c)} confidence intervals" for c in {c["confidence"] for c in curves}]
+    confidence = _percent(curves[0]["confidence"])
+    bands = (
+        f"{data.convergence['seeds']} seeds for each N; bands are {confidence} confidence intervals"
     )
     numbered = []
     for number, key, x_label, x_base, against in (
@@ -404,24 +410,20 @@ def _convergence(data: Data) -> dict[str, Any]:
         panels = []
         for region in regions:
             series = [
-                Series(c["renderer"], _renderer(c["renderer"]), c[key], c["rmse"], c["low"], c["high"])
+                Series(_renderer(c), c["renderer"], c[key], c["rmse"], c["low"], c["high"])
                 for c in curves
                 if c["region"] == region and c["pixel_samples"] == 1
             ]
-            title = region.replace(":", ", ")
-            description = f"Relative RMSE against {against}, region {title}. " + " ".join(
-                f"{s.label} falls from {s.y[0]:.3g} at {s.x[0]:.3g} to {s.y[-1]:.3g} at {s.x[-1]:.3g}."
-                for s in series
-            )
-            svg = figures.convergence_chart(
-                f"chart {number} {region}", description, series, style, x_label, x_base
-            )
+            description = f"Relative RMSE against {against}, {REGIONS.get(region, region)}. "
+            description += " ".join(_fall(s) for s in series)
+            name = f"chart {number} {region}"
+            svg = figures.convergence_chart(name, description, series, style, x_label, x_base)
             fitted = [_slope_of(data, x.renderer, region) for x in series] if number == 6 else []
-            slopes = [f"{_renderer(x['renderer'])} {_slope_text(x)}" for x in fitted if x]
-            panels.append({"title": title, "svg": svg, "slopes": slopes})
+            slopes = [f"{_renderer(x)} {_slope_text(x)}" for x in fitted if x]
+            panels.append({"title": REGIONS.get(region, region), "svg": svg, "slopes": slopes})
         caption = (
-            f"Relative RMSE against {against}, measured against the exact solution, scene {scene} at "
-            f"{_size(data.convergence)} pixels, M = 1; {bands}. Dashed: slope −1/2."
+            f"Relative RMSE against {against}, measured against the exact solution, scene {scene} "
+            f"at {_size(data.convergence)} pixels, M = 1; {bands}. Dashed: slope −1/2."
         )
         numbered.append({"number": number, "panels": panels, "caption": caption})
     return {
@@ -432,19 +434,26 @@ def _convergence(data: Data) -> dict[str, Any]:
     }
 
 
+def _fall(series: Series) -> str:
+    return (
+        f"{series.label} goes from {series.y[0]:.3g} at {series.x[0]:.3g} to {series.y[-1]:.3g} at "
+        f"{series.x[-1]:.3g}."
+    )
+
+
 def _panel_regions(curves: Sequence[dict[str, Any]]) -> list[str]:
     """The shadow's regions first, then objects; not their combinations, not silhouettes."""
     present = dict.fromkeys(c["region"] for c in curves if c["pixel_samples"] == 1)
-    others = [r for r in present if ":" not in r and r not in (*FIRST_REGIONS, "silhouette", "umbra")]
-    return [r for r in FIRST_REGIONS if r in present] + others
+    shown = [r for r in present if ":" not in r and r not in ("silhouette", "umbra")]
+    return sorted(shown, key=lambda region: region not in FIRST_REGIONS)
 
 
 def _slope_row(slope: dict[str, Any]) -> dict[str, Any]:
     samples = slope["light_samples"]
     return {
-        "renderer": _renderer(slope["renderer"]),
+        "renderer": _renderer(slope),
         "region": slope["region"].replace(":", ", "),
-        "against": _renderer(slope["against"]),
+        "against": RENDERERS.get(slope["against"], slope["against"]),
         "pixel_samples": slope["pixel_samples"],
         "light_samples": f"{samples[0]} to {samples[-1]}" if samples else "–",
         "slope": _fixed(slope["slope"]),
@@ -469,10 +478,8 @@ def _slope_sentence(data: Data) -> str:
     slope = _slope_of(data, "penumbra", "all")
     if slope is None:
         return ""
-    return (
-        f"Measured for C over all objects: {_fixed(slope['slope'])}, "
-        f"{_percent(slope['confidence'])} interval {_interval(slope['low'], slope['high'], _fixed)}."
-    )
+    confidence = _percent(slope["confidence"])
+    return f"Measured for C over all objects: {_slope_text(slope)}, a {confidence} interval."
 
 
 # Anti-aliasing
@@ -482,7 +489,7 @@ def _antialiasing(data: Data) -> dict[str, Any]:
     """Figure 8 and the measured answer to the handout's question."""
     settings = ((FEW, 1), (FEW, PIXEL_SAMPLES), (FEW * PIXEL_SAMPLES, 1))
     files = [image_file("tp3", n, m) for n, m in settings]
-    regions = [r for r in ("penumbra", "lit") if all(_point(data, r, *s) for s in settings)]
+    regions = ("penumbra", "lit")
     rows = []
     for n, m in settings:
         points = [_point(data, region, n, m) for region in regions]
@@ -491,8 +498,8 @@ def _antialiasing(data: Data) -> dict[str, Any]:
                 "light_samples": n,
                 "pixel_samples": m,
                 "rays": n * m,
-                "noises": [_with_interval(p) for p in points if p] + [_umbra_rmse(data, n, m)],
-                "seconds": _digits(points[0]["seconds"]) if points and points[0] else "–",
+                "noises": [*map(_with_interval, points), _umbra_rmse(data, n, m)],
+                "seconds": _digits(points[0]["seconds"]),
             }
         )
     titles = [{"title": f"{r}, relative RMSE", "unit": "[interval]"} for r in regions]
@@ -508,14 +515,14 @@ def _antialiasing(data: Data) -> dict[str, Any]:
     }
 
 
-def _point(data: Data, region: str, light_samples: int, pixel_samples: int) -> dict[str, Any] | None:
+def _point(data: Data, region: str, light_samples: int, pixel_samples: int) -> dict[str, Any]:
     """One point of the C renderer's curve."""
     for c in data.convergence["curves"]:
         key = (c["renderer"], c["region"], c["pixel_samples"], c["against"])
-        if key == ("penumbra", region, pixel_samples, "exact") and light_samples in c["light_samples"]:
+        if key == ("penumbra", region, pixel_samples, "exact"):
             i = c["light_samples"].index(light_samples)
             return {k: c[k][i] for k in ("rmse", "low", "high", "seconds")}
-    return None
+    raise KeyError(f"curve of penumbra, {region}, M = {pixel_samples}")
 
 
 def _umbra_rmse(data: Data, light_samples: int, pixel_samples: int) -> str:
@@ -544,10 +551,7 @@ def _antialiasing_picture(data: Data, file: str) -> dict[str, Any]:
 
 def _answer(data: Data, settings: Sequence[tuple[int, int]]) -> dict[str, Any]:
     """The numbers of the answer: compare measured each, or they are a ratio of two."""
-    points = [_point(data, "penumbra", n, m) for n, m in settings]
-    if None in points:
-        raise KeyError("curves of C in the penumbra with and without anti-aliasing")
-    off, on, equal = (point["rmse"] for point in points if point)
+    off, on, equal = (_point(data, "penumbra", n, m)["rmse"] for n, m in settings)
     return {
         "pixel_samples": PIXEL_SAMPLES,
         "expected": f"{math.sqrt(PIXEL_SAMPLES):g}",
@@ -569,13 +573,11 @@ def _speedup(data: Data) -> dict[str, Any]:
     rows = study["rows"]
     one = next(row["seconds"] for row in rows if row["threads"] == 1)
     best = max(rows, key=lambda row: row["threads"])
-    machine = study.get("machine") or {}
-    cores = machine.get("cores") if isinstance(machine, dict) else None
+    cores = study["machine"]["cores"]
     sentence = (
         f"Here {best['threads']} threads take {_digits(best['seconds'])} s where one takes "
         f"{_digits(one)} s: {_digits(best['speedup'])} times faster."
     )
-    scene, samples = study.get("scene", "tp3"), study.get("light_samples", "–")
     description = "Speed-up by threads: " + ", ".join(
         f"{row['threads']}: {row['speedup']:.3g}" for row in rows
     )
@@ -585,8 +587,8 @@ def _speedup(data: Data) -> dict[str, Any]:
                 "speedup",
                 description,
                 Series(
-                    "penumbra",
                     "C",
+                    "penumbra",
                     [row["threads"] for row in rows],
                     [row["speedup"] for row in rows],
                     [one / row["high"] for row in rows],
@@ -596,8 +598,8 @@ def _speedup(data: Data) -> dict[str, Any]:
             ),
             "sentence": sentence,
             "caption": (
-                f"Median speed-up of {study.get('repeats', 'several')} renders of scene {scene} with "
-                f"N = {samples}; the band holds the fastest and the slowest."
+                f"Median speed-up of {study['repeats']} renders of scene {study['scene']} with "
+                f"N = {study['light_samples']}; the band holds the fastest and the slowest."
             ),
             "command": study["command"],
             "rows": [
@@ -620,8 +622,8 @@ def _provenance(data: Data) -> dict[str, Any]:
     settings = data.images[reference_file("tp3")].attributes.get("settings", "")
     return {
         "files": [_file_row(data, item) for item in IMAGES],
-        "machine": _pairs(data.convergence.get("machine", {})),
-        "versions": _pairs(data.convergence.get("versions", {})),
+        "machine": data.convergence["machine"].items(),
+        "versions": data.convergence["versions"].items(),
         "scenes": [
             {"name": name, "hash": data.scenes[name].hash, "text": data.scene_texts[name].strip()}
             for name in SCENES
@@ -649,12 +651,6 @@ def _file_row(data: Data, item: Input) -> dict[str, Any]:
     }
 
 
-def _pairs(values: Any) -> list[tuple[str, str]]:
-    if not isinstance(values, dict):
-        return [("", str(values))]
-    return [(str(k), str(v)) for k, v in values.items()]
-
-
 def _indented(text: str) -> str:
     try:
         return json.dumps(json.loads(text), indent=1)
@@ -667,12 +663,12 @@ def _summary(data: Data) -> str:
     scene = data.scenes["tp3"]
     image = data.images[best_image_file("tp3")]
     cycles = data.images[reference_file("tp3")]
-    machine = data.convergence.get("machine", {})
+    machine = data.convergence["machine"]
     return (
         f"Scene {scene.name} (hash {scene.hash}) and two variants, {scene.width} × {scene.height}; "
         f"{image.attributes.get('software', 'the C renderer')}, seed "
         f"{image.attributes.get('seed', '?')}; {cycles.attributes.get('software', 'Cycles')}; on "
-        f"{machine.get('processor', 'an unnamed machine')}, {machine.get('cores', '?')} cores."
+        f"{machine['processor']}, {machine['cores']} cores."
     )
 
 
@@ -702,16 +698,15 @@ def _glance(data: Data) -> list[dict[str, str]]:
                 f"{_interval(slope['low'], slope['high'], _fixed)}",
             }
         )
-    off, on = (_point(data, "penumbra", FEW, m) for m in (1, PIXEL_SAMPLES))
-    if off and on:
-        items.append(
-            {
-                "term": "What does anti-aliasing do?",
-                "value": f"÷ {_digits(off['rmse'] / on['rmse'])}",
-                "text": f"noise in the penumbra with {PIXEL_SAMPLES} pixel samples; the root of "
-                f"{PIXEL_SAMPLES} is {math.sqrt(PIXEL_SAMPLES):g}",
-            }
-        )
+    off, on = (_point(data, "penumbra", FEW, m)["rmse"] for m in (1, PIXEL_SAMPLES))
+    items.append(
+        {
+            "term": "What does anti-aliasing do?",
+            "value": f"÷ {_digits(off / on)}",
+            "text": f"noise in the penumbra with {PIXEL_SAMPLES} pixel samples; the root of "
+            f"{PIXEL_SAMPLES} is {math.sqrt(PIXEL_SAMPLES):g}",
+        }
+    )
     best = max(data.speedup["rows"], key=lambda row: row["threads"])
     items.append(
         {
@@ -730,7 +725,6 @@ def _size(values: dict[str, Any]) -> str:
     return f"{values['width']} × {values['height']}"
 
 
-
 def _label(image: Image) -> str:
     """What an image is, from its header: "C, N = 64"."""
     if _is_cycles(image):
@@ -744,7 +738,7 @@ def _samples(image: Image) -> str:
 
 
 def _is_cycles(image: Image) -> bool:
-    return "parts" in image.attributes or "cycles" in str(image.attributes.get("software", "")).lower()
+    return "parts" in image.attributes
 
 
 def _facts(image: Image) -> list[str]:
@@ -766,8 +760,8 @@ def _figure(cells: list[dict[str, Any]]) -> dict[str, Any]:
     """A figure of images: what all have in common is said once, the rest under each."""
     common = [f for f in cells[0]["facts"] if all(f in cell["facts"] for cell in cells)]
     for cell in cells:
-        own = [f for f in cell["facts"] if f not in common]
-        cell["facts"] = " · ".join(own)
+        said = [*common, *cell["caption"].split(", ")]
+        cell["facts"] = " · ".join(fact for fact in cell["facts"] if fact not in said)
     return {
         "cells": cells,
         "common": " · ".join(common),
@@ -799,8 +793,8 @@ def _name(data: Data, text: str) -> str:
     return text
 
 
-def _renderer(label: str) -> str:
-    return RENDERERS.get(label, label)
+def _renderer(row: dict[str, Any]) -> str:
+    return RENDERERS.get(row["renderer"], row["renderer"])
 
 
 def _digits(value: float | None, digits: int = 3) -> str:

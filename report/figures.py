@@ -37,11 +37,13 @@ STYLES = {
 }
 OTHER_STYLES = (("#009e73", "^"), ("#cc79a7", "D"), ("#56b4e9", "v"), ("#e69f00", "P"))
 INK, FAINT, GRID, PAPER = "#222222", "#6b6b6b", "#e4e4e0", "#fdfdfb"
+BACKED = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.5}
+"""behind a label that lies on a line"""
 GUIDE_ABOVE = 1.5
 DIVERGING = "PuOr_r"
 """purple below, white at zero, orange above"""
 
-RC = {
+RC: Any = {
     "font.family": "sans-serif",
     "font.size": 9,
     "svg.fonttype": "none",
@@ -171,8 +173,9 @@ def diverging_stops(count: int = 9) -> list[str]:
 class Series:
     """One line of a chart, with its band where low and high are known."""
 
-    renderer: str
     label: str
+    renderer: str
+    """chooses colour and marker"""
     x: Sequence[float]
     y: Sequence[float]
     low: Sequence[float] | None = None
@@ -205,11 +208,11 @@ def convergence_chart(
         axes.set(xscale="log", yscale="log", xlabel=x_label, ylabel="relative RMSE [1]")
         for s in series:
             colour, marker = style[s.renderer]
-            if s.low is not None and s.high is not None:
-                axes.fill_between(s.x, s.low, s.high, color=colour, alpha=0.22, linewidth=0)
-            axes.plot(s.x, s.y, color=colour, marker=marker, markersize=3.6, linewidth=1.3)
+            _band(axes, s, colour)
+            axes.plot(s.x, s.y, color=colour, marker=marker, markersize=3.6, linewidth=1.3,
+                      label=s.label)  # fmt: skip
         _guide(axes, series)
-        _label_ends(axes, series, style)
+        axes.legend(loc="lower left", handlelength=1.6, borderaxespad=0.2)
         for axis, base in ((axes.xaxis, x_base), (axes.yaxis, 10)):
             axis.set_major_locator(LogLocator(base, numticks=8))
             axis.set_minor_locator(NullLocator())
@@ -217,29 +220,30 @@ def convergence_chart(
         return _svg(figure, name, description)
 
 
-def speedup_chart(
-    name: str, description: str, speedup: Series, cores: int | None
-) -> Markup:
+def speedup_chart(name: str, description: str, speedup: Series, cores: int | None) -> Markup:
     """Speed-up against threads, with the ideal line and the machine's cores, inline SVG."""
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=(4.6, 3.0), layout="constrained")
         axes = figure.add_subplot()
         top = max(speedup.x)
         axes.plot([1, top], [1, top], color=FAINT, linestyle=(0, (4, 3)), linewidth=1)
-        axes.annotate("ideal", (top, top), (-4, 0), textcoords="offset points", ha="right",
-                      va="top", color=FAINT)  # fmt: skip
+        axes.text((1 + 3 * top) / 4, (1 + 3 * top) / 4, " ideal ", color=FAINT, ha="center",
+                  va="center", bbox=BACKED)  # fmt: skip
         if cores and cores < top:
             axes.axvline(cores, color=FAINT, linewidth=0.8, linestyle=":")
             axes.annotate(f"{cores} cores", (cores, top), (4, 0), textcoords="offset points",
                           va="top", color=FAINT)  # fmt: skip
         colour, marker = STYLES["penumbra"]
-        if speedup.low is not None and speedup.high is not None:
-            band = {"color": colour, "alpha": 0.22, "linewidth": 0}
-            axes.fill_between(speedup.x, speedup.low, speedup.high, **band)
+        _band(axes, speedup, colour)
         axes.plot(speedup.x, speedup.y, color=colour, marker=marker, markersize=4, linewidth=1.3)
         axes.set(xlabel="OpenMP threads", ylabel="speed-up over one thread [1]", ylim=(0, None))
         axes.xaxis.set_major_locator(MultipleLocator(1))
         return _svg(figure, name, description)
+
+
+def _band(axes: Axes, series: Series, colour: str) -> None:
+    if series.low is not None and series.high is not None:
+        axes.fill_between(series.x, series.low, series.high, color=colour, alpha=0.22, linewidth=0)
 
 
 def _guide(axes: Axes, series: Sequence[Series]) -> None:
@@ -251,20 +255,9 @@ def _guide(axes: Axes, series: Sequence[Series]) -> None:
     limits = axes.get_ylim()
     axes.plot(x, y, color=FAINT, linestyle=(0, (4, 3)), linewidth=1, zorder=1)
     axes.set_ylim(limits)
-    middle = np.exp(np.log([x, y]).mean(axis=1))
-    axes.text(*middle, " slope −1/2 ", color=FAINT, ha="center", va="center",
-              bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.5})  # fmt: skip
-
-
-def _label_ends(
-    axes: Axes, series: Sequence[Series], style: dict[str, tuple[str, str]]
-) -> None:
-    lines = [
-        axes.plot([], [], color=style[s.renderer][0], marker=style[s.renderer][1], markersize=3.6,
-                  linewidth=1.3, label=s.label)[0]
-        for s in series
-    ]  # fmt: skip
-    axes.legend(handles=lines, loc="lower left", handlelength=1.6, borderaxespad=0.2)
+    middle_x, middle_y = np.exp(np.log([x, y]).mean(axis=1))
+    axes.text(middle_x, middle_y, " slope −1/2 ", color=FAINT, ha="center", va="center",
+              bbox=BACKED)  # fmt: skip
 
 
 def _svg(figure: Figure, name: str, description: str) -> Markup:

@@ -153,9 +153,7 @@ def read_inputs(build_dir: Path, scenes_dir: Path) -> Data:
     _check_present(build_dir)
     files = {name: scenes_dir / f"{name}.json" for name in SCENES}
     scenes = {name: read_scene(file) for name, file in files.items()}
-    images = {
-        i.file: _read(i, build_dir, lambda path, i=i: _image(path, scenes[i.scene])) for i in IMAGES
-    }
+    images = {i.file: _image(i, build_dir, scenes[i.scene]) for i in IMAGES}
     sizes = {(i.scene, *images[i.file].shape) for i in IMAGES}
     sizes |= {(name, scene.height, scene.width) for name, scene in scenes.items()}
     return Data(
@@ -207,9 +205,10 @@ def _rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def _image(path: Path, scene: Scene) -> Image:
-    image = read_image(path)
+def _image(item: Input, build_dir: Path, scene: Scene) -> Image:
+    image: Image = _read(item, build_dir, read_image)
     shown = image.attributes.get("sceneHash")
     if shown != scene.hash:
-        raise ValueError(f"shows a scene of hash {shown}, but {scene.name} is now {scene.hash}")
+        reason = f"shows a scene of hash {shown}, but {scene.name} is now {scene.hash}"
+        raise _unusable(item, build_dir, reason)
     return image

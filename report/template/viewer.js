@@ -212,9 +212,11 @@
 
   const clamp = (v, low, high) => Math.min(high, Math.max(low, v));
 
+  // The view starts on a pixel of the screen, so that image pixels have equal sizes.
   function clampView(image) {
-    state.left = clamp(state.left, 0, image.width * (1 - 1 / state.zoom));
-    state.top = clamp(state.top, 0, image.height * (1 - 1 / state.zoom));
+    const { zoom } = state;
+    state.left = Math.round(clamp(state.left, 0, image.width * (1 - 1 / zoom)) * zoom) / zoom;
+    state.top = Math.round(clamp(state.top, 0, image.height * (1 - 1 / zoom)) * zoom) / zoom;
     state.x = clamp(state.x, 0, image.width - 1);
     state.y = clamp(state.y, 0, image.height - 1);
   }
@@ -341,18 +343,13 @@
 
   // Links elsewhere in the page that open a pair here.
   for (const link of document.querySelectorAll("[data-compare-a]")) {
-    link.addEventListener("click", () => {
+    link.addEventListener("click", (event) => {
+      event.preventDefault();  // following the link would take the focus from the canvas
       state.a = +link.dataset.compareA;
       state.b = +link.dataset.compareB;
       state.mode = link.dataset.compareMode || "split";
-      if (link.dataset.compareX) {
-        state.zoom = 1;
-        inspect(+link.dataset.compareX, +link.dataset.compareY);
-        zoomTo(+link.dataset.compareZoom || 1);
-        state.left = state.x - images[state.a].width / state.zoom / 2;
-        state.top = state.y - images[state.a].height / state.zoom / 2;
-      }
       refresh();
+      document.getElementById("compare").scrollIntoView();
       canvas.focus({ preventScroll: true });
     });
   }
