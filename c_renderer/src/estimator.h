@@ -11,13 +11,17 @@ typedef struct {
     Rgb variance; /* of that mean, from the scatter of its samples; 0 where there is but one */
 } Estimate;
 
+/* How a quad light's points are spread: evenly over its area (the lab's), or evenly over the
+ * directions that it covers. */
+typedef enum { SPREAD_AREA, SPREAD_SOLID_ANGLE } Spread;
+
 /* The lab's DirectLightingIntegrator::Li after the hit is known: the sum over all lights. */
-Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *points,
+Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *points, Spread spread,
                          RngStream stream);
 
 /* One light's part: the mean over points->count shadow rays, or one ray to a point light. */
 Estimate light_estimate(const Scene *scene, int light, const Hit *hit, const PointSet *points,
-                        RngStream stream);
+                        Spread spread, RngStream stream);
 
 /* The mean of `count` values and the variance of that mean, from their sums. */
 typedef struct {

@@ -425,7 +425,7 @@ static void textbook_estimate(const Scene *scene, int light, const HitPacket *hi
         Hit hit = packet_lane(hits, i);
         RngStream stream = first;
         stream.pixel += (uint32_t)i;
-        Estimate estimate = light_estimate(scene, light, &hit, set, stream);
+        Estimate estimate = light_estimate(scene, light, &hit, set, SPREAD_AREA, stream);
         result->radiance.r[i] += estimate.radiance.r;
         result->radiance.g[i] += estimate.radiance.g;
         result->radiance.b[i] += estimate.radiance.b;

@@ -31,7 +31,8 @@ static const char HELP[] =
     "  --sampler NAME         how the points on a light are drawn: independent (the lab's),\n"
     "                         jittered or sobol (Owen-scrambled) [independent]\n"
     "  --estimator NAME       area: sixteen pixels at a time; textbook: the same estimate one\n"
-    "                         pixel at a time, as it is taught [area]\n"
+    "                         pixel at a time, as it is taught; solid-angle: points spread\n"
+    "                         evenly over the directions to the light, not its area [area]\n"
     "  --seed S               0 to 18446744073709551615; another seed, independent noise [0]\n"
     "  --threads T            1 to 1024; changes the time, not one bit of the image [all]\n"
     "  --width W, --height H  image size, 1 to 16384 [the scene's]\n"
@@ -132,7 +133,7 @@ static Options parse_options(int argc, char **argv)
             break;
         case ESTIMATOR:
             settings->estimator =
-                (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES, 2);
+                (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES, 3);
             break;
         case SEED:
             settings->seed = parse_number("seed", optarg, 0, UINT64_MAX);

@@ -7,7 +7,7 @@
 #include "kernel.h"
 
 const char *const RENDER_SAMPLER_NAMES[3] = {"independent", "jittered", "sobol"};
-const char *const RENDER_ESTIMATOR_NAMES[2] = {"area", "textbook"};
+const char *const RENDER_ESTIMATOR_NAMES[3] = {"area", "textbook", "solid-angle"};
 
 /* The image being made, and what it is made from. */
 typedef struct {
@@ -37,7 +37,9 @@ static Estimate ray_radiance(const Job *job, real x, real y, RngStream stream)
     Hit hit = scene_hit(scene, ray);
     if (hit.object == SCENE_NOTHING)
         return (Estimate){.radiance = scene->background};
-    return direct_lighting(scene, &hit, job->points, stream);
+    Spread spread =
+        job->settings->estimator == ESTIMATOR_SOLID_ANGLE ? SPREAD_SOLID_ANGLE : SPREAD_AREA;
+    return direct_lighting(scene, &hit, job->points, spread, stream);
 }
 
 static Estimate pixel_radiance(const Job *job, int x, int y)
@@ -187,6 +189,7 @@ bool render(const Scene *scene, const RenderSettings *settings, float *radiance,
     for (int y = 0; y < settings->height; y++) {
         switch (settings->estimator) {
         case ESTIMATOR_TEXTBOOK:
+        case ESTIMATOR_SOLID_ANGLE:
             render_row(&job, y);
             break;
         case ESTIMATOR_AREA:

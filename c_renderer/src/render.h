@@ -9,8 +9,9 @@
 #include "scene.h"
 
 typedef enum {
-    ESTIMATOR_AREA,    /* the lab's: uniform points on the light; sixteen pixels at a time */
-    ESTIMATOR_TEXTBOOK /* the same, one pixel at a time, as it is taught */
+    ESTIMATOR_AREA,       /* the lab's: uniform points on the light; sixteen pixels at a time */
+    ESTIMATOR_TEXTBOOK,   /* the same, one pixel at a time, as it is taught */
+    ESTIMATOR_SOLID_ANGLE /* points spread evenly over the solid angle of rectangles */
 } Estimator;
 
 typedef struct {
@@ -24,7 +25,7 @@ typedef struct {
 } RenderSettings;
 
 /* What the command line and the image's header call them, in the enums' order. */
-extern const char *const RENDER_SAMPLER_NAMES[3], *const RENDER_ESTIMATOR_NAMES[2];
+extern const char *const RENDER_SAMPLER_NAMES[3], *const RENDER_ESTIMATOR_NAMES[3];
 
 /* Called now and then from one of the threads; may be NULL. */
 typedef void RenderProgress(int rows_done, int rows, void *user);
