@@ -202,18 +202,24 @@ static Seen see_sphere(const Sphere *sphere, int object, Vec3 e1, Vec3 e2, Vec3 
         real cz = dx * n.x + dy * n.y + dz * n.z;
         real h = height[i], x0 = light->cx[i], y0 = light->cy[i], y1 = y0 + vy;
         real room = r * 1.0001f + 1e-5f * (fabs(cx) + fabs(cy) + fabs(cz));
-        /* signed distances beyond the sides along u (y = y0, y = y1) and along v */
-        real below = (y0 * cz - h * cy) / sqrt(h * h + y0 * y0);
-        real above = (h * cy - y1 * cz) / sqrt(h * h + y1 * y1);
+        real room_squared = room * room;
+        /* beyond the sides along u (y = y0, y = y1) and v: distance times the normal's length */
+        real below = y0 * cz - h * cy, above = h * cy - y1 * cz;
         real sx = vy * h, sy = -vx * h, sz = vx * y0 - vy * x0, sz1 = sz - vy * ux;
-        real left = -(sx * cx + sy * cy + sz * cz) / sqrt(sx * sx + sy * sy + sz * sz);
-        real right = (sx * cx + sy * cy + sz1 * cz) / sqrt(sx * sx + sy * sy + sz1 * sz1);
-        real apart = below > above ? below : above;
-        apart = left > apart ? left : apart;
-        apart = right > apart ? right : apart;
-        apart = -cz > apart ? -cz : apart;       /* behind the point */
-        apart = cz - h > apart ? cz - h : apart; /* behind the light */
-        clearance[i] = room - apart;
+        real left = -(sx * cx + sy * cy + sz * cz), right = sx * cx + sy * cy + sz1 * cz;
+        real level = sx * sx + sy * sy;
+        real near = room_squared * (h * h + y0 * y0) - below * fabs(below);
+        real next = room_squared * (h * h + y1 * y1) - above * fabs(above);
+        near = next < near ? next : near;
+        next = room_squared * (level + sz * sz) - left * fabs(left);
+        near = next < near ? next : near;
+        next = room_squared * (level + sz1 * sz1) - right * fabs(right);
+        near = next < near ? next : near;
+        next = room + cz; /* not behind the point */
+        near = next < near ? next : near;
+        next = room + h - cz; /* not behind the light */
+        near = next < near ? next : near;
+        clearance[i] = near; /* negative: the sphere is wholly beyond some side */
         behind[i] = cz + room - h;
         gap[i] = cx * cx + cy * cy + cz * cz - r_squared;
         inwards[i] = dx * hits->normal.x[i] + dy * hits->normal.y[i] + dz * hits->normal.z[i];
