@@ -124,8 +124,8 @@ COMPARE := $(wildcard compare/*.py)
 compare = mkdir -p $(@D) && $(PENUMBRA) compare $(1) $(2) --scene scenes/$*.json \
     $(if $(filter tp3,$*),--perceptual) --json $@ >$(@:json=txt) || [ $$? -eq 1 ]
 # Ours: the image of the most light samples. A point light needs but one.
-MOST_tp3           := 8192
-MOST_tp3_statement := 1024
+MOST_tp3           := 32768
+MOST_tp3_statement := 32768
 MOST_tp3_point     := 1
 ours = build/images/$(1)_n$(MOST_$(1))_m1.exr
 

@@ -4,8 +4,15 @@ Importing this package needs no bpy: Blender runs in processes of its own, which
 build_scene.py and cycles_settings.py are part of.
 """
 
-from blender_ref.parts import reference
+from blender_ref.parts import OptionsError, reference
 from blender_ref.process import Cycles, CyclesError, MissingBlender
 from blender_ref.renderer import CyclesRenderer
 
-__all__ = ["Cycles", "CyclesError", "CyclesRenderer", "MissingBlender", "reference"]
+__all__ = [
+    "Cycles",
+    "CyclesError",
+    "CyclesRenderer",
+    "MissingBlender",
+    "OptionsError",
+    "reference",
+]

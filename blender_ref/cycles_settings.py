@@ -63,6 +63,7 @@ SETTINGS = (
     Setting("cycles.use_layer_samples", "IGNORE", "the scene's sample count holds"),
     Setting("cycles.blur_glossy", 0.0, "no filtering"),
     # The film
+    Setting("cycles.use_pixel_jitter", False, "the filter alone moves rays", since=(5, 2)),
     Setting("cycles.film_exposure", 1.0, "radiance as it is"),
     Setting("cycles.rolling_shutter_type", "NONE", "one instant"),
     Setting("cycles.use_auto_tile", False, "one tile"),

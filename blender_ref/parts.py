@@ -14,6 +14,10 @@ from compare.image import Image, ImageError, read_image, write_exr
 from compare.scene import read_scene
 
 
+class OptionsError(ValueError):
+    """Options that make no reference; the text names them."""
+
+
 def reference(
     scene_file: str | Path,
     out: str | Path,
@@ -35,7 +39,7 @@ def reference(
     width, height: pixels, instead of the scene's own. antialias: uniform positions in the
     pixel instead of its centre. progress: a bar on stderr if that is a terminal.
 
-    Raises ValueError (options), SceneError, ImageError, MissingBlender, CyclesError.
+    Raises OptionsError, SceneError, ImageError, MissingBlender, CyclesError.
     """
     out = Path(out)
     _check_options(out, samples, parts, seed)
@@ -67,13 +71,13 @@ def reference(
 
 def _check_options(out: Path, samples: int, parts: int, seed: int) -> None:
     if out.suffix != ".exr":
-        raise ValueError(f"{out}: a reference's name ends in .exr")
+        raise OptionsError(f"{out}: a reference's name ends in .exr")
     if parts < 2:
-        raise ValueError(f"parts = {parts}: it takes 2 or more to show their variance")
+        raise OptionsError(f"parts = {parts}: it takes 2 or more to show their variance")
     if samples < parts or samples % parts:
-        raise ValueError(f"samples = {samples} is not a multiple of parts = {parts}")
+        raise OptionsError(f"samples = {samples} is not a multiple of parts = {parts}")
     if seed < 0:
-        raise ValueError(f"seed = {seed}: 0 or more")
+        raise OptionsError(f"seed = {seed}: 0 or more")
 
 
 def _is_whole(file: Path) -> bool:

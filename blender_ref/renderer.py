@@ -19,6 +19,8 @@ class CyclesRenderer:
     """
 
     label = "cycles"
+    command = "python -m blender_ref {scene} {light_samples} {seed} {out}"
+    suffix = ".exr"
     placeholders = frozenset(("scene", "light_samples", "seed", "out", "width", "height"))
 
     def fingerprint(self) -> str:

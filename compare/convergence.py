@@ -112,9 +112,11 @@ def converge(study: Study) -> dict[str, Any]:
     bench = _Bench(study)
     for curve in study.curves:
         _check_curve(curve, bench, study)
+    fingerprints = [bench.fingerprint(curve.renderer) for curve in study.curves]
     with Journal(study.file(".journal")) as journal, _scratch(study) as scratch:
         measured = [
-            (curve, _measure_curve(curve, bench, journal, scratch)) for curve in study.curves
+            (curve, _measure_curve(curve, bench, fingerprint, journal, scratch))
+            for curve, fingerprint in zip(study.curves, fingerprints, strict=True)
         ]
         rows = [row for curve, images in measured for row in _rows(bench, curve, images)]
         result = _summary(bench, rows, measured)
@@ -281,10 +283,11 @@ def _jobs(curve: Curve, bench: _Bench) -> list[Job]:
     ]
 
 
-def _measure_curve(curve: Curve, bench: _Bench, journal: Journal, scratch: Path) -> list[_Measured]:
+def _measure_curve(
+    curve: Curve, bench: _Bench, fingerprint: str, journal: Journal, scratch: Path
+) -> list[_Measured]:
     """Every image of a curve: from the journal, or rendered now."""
     renderer = curve.renderer
-    fingerprint = bench.fingerprint(renderer)
     jobs = _jobs(curve, bench)
     keys = {job: f"{fingerprint} {job.name}" for job in jobs}
     missing = [job for job in jobs if journal.get(keys[job]) is None]

@@ -59,7 +59,7 @@ def exact_image(
     centre = _Layer.render(scene, width, height, 0.5, 0.5)
     layers = [(1.0, centre)]
     if pixel_grid > 1:
-        nodes, weights = np.polynomial.legendre.leggauss(pixel_grid)
+        nodes, weights = np.polynomial.legendre.leggauss(pixel_grid)  # type: ignore[no-untyped-call]
         layers = [
             (wx * wy / 4, _Layer.render(scene, width, height, 0.5 + x / 2, 0.5 + y / 2))
             for x, wx in zip(nodes, weights, strict=True)

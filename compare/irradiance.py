@@ -48,10 +48,11 @@ def quad_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView
     unsolved = np.zeros(n, dtype=bool)
 
     corner, edge_u, edge_v = (np.asarray(v) for v in (light.corner, light.edge_u, light.edge_v))
-    facing = np.flatnonzero((corner - receivers.point) @ np.asarray(light.normal) > 0)
+    to_corner = corner - receivers.point
+    reach = np.sqrt(_dot(to_corner, to_corner)) + np.linalg.norm(edge_u) + np.linalg.norm(edge_v)
+    facing = np.flatnonzero(to_corner @ np.asarray(light.normal) > TOUCH * reach)
     near = receivers[facing]
-    to_corner = corner - near.point
-    polygon = Polygon.parallelogram(to_corner, edge_u, edge_v)
+    polygon = Polygon.parallelogram(to_corner[facing], edge_u, edge_v)
     error[facing] = ROUNDING * polygon.angle.sum(axis=1)
     cut = np.zeros(len(near), dtype=bool)
     for half_space in _half_spaces(scene, near):
@@ -78,12 +79,12 @@ def quad_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView
             part = slice(start, start + step)
             which = group[part]
             cap = Caps.of_spheres(scene, near.point[which], sphere[part])
-            shown, length, hides = _beside_caps(polygon[which], near.normal[which], cap)
-            i = index[which]
-            dark = length < TOUCH
+            shown, length, lost = _beside_caps(polygon[which], near.normal[which], cap)
+            i, least = index[which], TOUCH * polygon[which].angle.sum(axis=1)
+            dark = length <= least
             value[i] = np.where(dark, 0, np.clip(shown, 0, value[i]))
-            error[i] += ROUNDING * 2 * np.pi * cap.sine.sum(axis=1)
-            whole[i] &= ~hides
+            error[i] += ROUNDING * (length + lost)
+            whole[i] &= lost <= least
             hidden[i] = dark
             unsolved[i] &= ~dark
     hidden[index] |= ~unsolved[index] & (value[index] <= error[index])
@@ -116,6 +117,11 @@ class Polygon:
 
     def __getitem__(self, which: np.ndarray) -> Polygon:
         return Polygon(self.vertex[which], self.side[which], self.empty[which])
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(n, 3) unit vectors to somewhere amid each polygon"""
+        return _unit(_unit(self.vertex).sum(axis=1))
 
     @property
     def angle(self) -> np.ndarray:
@@ -225,7 +231,7 @@ def _sphere_shadows(
         return caps, blocked, mixed
     length = np.sqrt(_dot(polygon.vertex, polygon.vertex))
     direction = polygon.vertex / length[..., None]
-    middle = _unit(direction.sum(axis=1))
+    middle = polygon.middle
     cosine_spread = np.einsum("nki,ni->nk", direction, middle).min(axis=1)
     sine_spread = np.sqrt(np.maximum(1 - cosine_spread**2, 0))
     normal = np.asarray(light.normal)
@@ -313,24 +319,27 @@ def _beside_caps(
     polygon: Polygon, normal: np.ndarray, caps: Caps
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The part of each polygon outside m caps: its projected solid angle, the length of its
-    boundary [rad], and whether the caps hide anything.
+    boundary, and the length of what the caps hide of the polygon's plus what they add [rad].
 
-    Stokes: the boundary is what the caps leave of the edges, and, turning the other way, what
-    the polygon and the other caps leave of each cap's circle.
+    Stokes: 1/2 n . integral of (r - r0) x dr over what the caps leave of the edges and, turning
+    the other way, over what the polygon and the other caps leave of each cap's circle. Round a
+    closed curve any r0 will do, but the pieces' ends agree to rounding only: with r0 amid the
+    light that costs rounding times the light's size, not times 1.
     """
-    edge_shown, edge_hidden = _edges_outside(polygon, caps)
-    cosine = np.einsum("nki,ni->nk", polygon.side, normal)
-    arcs, arc_length = _arcs_inside(polygon, normal, caps)
-    shown = 0.5 * (edge_shown * cosine).sum(axis=1) - arcs
-    length = edge_shown.sum(axis=1) + arc_length
-    return shown, length, edge_hidden.sum(axis=1) + arc_length > TOUCH
+    pivot = np.cross(normal, polygon.middle)
+    edges, edge_shown, edge_hidden = _edges_outside(polygon, normal, pivot, caps)
+    arcs, arc_length = _arcs_inside(polygon, normal, pivot, caps)
+    return edges - arcs, edge_shown + arc_length, edge_hidden + arc_length
 
 
-def _edges_outside(polygon: Polygon, caps: Caps) -> tuple[np.ndarray, np.ndarray]:
-    """(n, K) how much of each edge is outside and inside the union of the caps [rad]."""
+def _edges_outside(
+    polygon: Polygon, normal: np.ndarray, pivot: np.ndarray, caps: Caps
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the caps leave of the edges: 1/2 n . integral of (r - r0) x dr, their length, and
+    the length of what is hidden, (n,) each. pivot = n x r0."""
     half = 0.5 * polygon.angle[:, :, None]
     direction = _unit(polygon.vertex)
-    middle = direction + np.roll(direction, -1, axis=1)
+    middle = _unit(direction + np.roll(direction, -1, axis=1))
     side, axis = polygon.side[:, :, None], caps.axis[:, None]
     across = _dot(side, axis)
     # A great circle with pole gamma meets the cap iff root > 0; the same root serves the
@@ -342,86 +351,94 @@ def _edges_outside(polygon: Polygon, caps: Caps) -> tuple[np.ndarray, np.ndarray
     )
     start = np.clip(np.where(root > 0, centre - reach, half), -half, half)
     end = np.clip(np.where(root > 0, centre + reach, half), -half, half)
-    starts, reached = _union(start, end)
-    before = np.concatenate([-half, reached], axis=2)
-    after = np.concatenate([starts, half], axis=2)
-    shown = np.maximum(after - before, 0).sum(axis=2)
-    return shown, np.maximum(end - start, 0).max(axis=2)
+    before, after = _gaps(start, end, -half, half)
+    length = after - before
+    hidden = np.maximum(end - start, 0).max(axis=2)
+
+    n, pivot = normal[:, None], pivot[:, None]
+    mean = 0.5 * (before + after)
+    along = _dot(pivot, _cross(polygon.side, middle))[..., None]
+    chord = np.cos(mean) * along - np.sin(mean) * _dot(pivot, middle)[..., None]
+    integral = 0.5 * length * _dot(n, polygon.side)[..., None] - np.sin(0.5 * length) * chord
+    return integral.sum(axis=(1, 2)), length.sum(axis=(1, 2)), hidden.sum(axis=1)
 
 
-def _arcs_inside(polygon: Polygon, normal: np.ndarray, caps: Caps) -> tuple[np.ndarray, np.ndarray]:
+def _arcs_inside(
+    polygon: Polygon, normal: np.ndarray, pivot: np.ndarray, caps: Caps
+) -> tuple[np.ndarray, np.ndarray]:
     """What is left of the caps' circles inside the polygon and outside the other caps:
-    sum over arcs of 1/2 n . integral of r x dr, (n,), and their length [rad], (n,).
+    1/2 n . integral of (r - r0) x dr, and the length [rad], (n,) each. pivot = n x r0.
 
     With r(phi) = cos(alpha) a + sin(alpha) (cos(phi) b1 + sin(phi) b2).
     """
-    axis, sine, cosine = caps.axis, caps.sine, caps.cosine
+    axis, sine, cosine = caps.axis, caps.sine[..., None], caps.cosine[..., None]
     b1, b2 = _frame(axis)
     side = polygon.side[:, None]
     across = _dot(side, axis[:, :, None])
-    root = _root(sine[..., None], across)
-    half = np.arctan2(root, cosine[..., None] * across)
+    half = np.arctan2(_root(sine, across), cosine * across)
     middle = np.arctan2(-_dot(side, b2[:, :, None]), -_dot(side, b1[:, :, None]))
     if axis.shape[1] > 1:
         other_middle, other_half = _other_caps(caps, b1, b2)
         middle = np.concatenate([middle, other_middle], axis=2)
         half = np.concatenate([half, other_half], axis=2)
 
-    start = np.mod(middle - half, 2 * np.pi)
-    end = start + 2 * half
-    start = np.concatenate([start, start - 2 * np.pi], axis=2)
-    end = np.concatenate([end, end - 2 * np.pi], axis=2)
-    bounds = np.zeros((*axis.shape[:2], 1)), np.full((*axis.shape[:2], 1), 2 * np.pi)
-    starts, reached = _union(np.clip(start, 0, 2 * np.pi), np.clip(end, 0, 2 * np.pi))
-    before = np.concatenate([bounds[0], reached], axis=2)
-    after = np.concatenate([starts, bounds[1]], axis=2)
-    arc = np.maximum(after - before, 0)
+    turn = 2 * np.pi
+    start = np.where(half < np.pi, np.mod(middle - half, turn), 0)
+    start = np.concatenate([start, start - turn], axis=2)
+    end = start + 2 * np.concatenate([half, half], axis=2)
+    zero = np.zeros((*axis.shape[:2], 1))
+    before, after = _gaps(np.clip(start, 0, turn), np.clip(end, 0, turn), zero, zero + turn)
+    arc = after - before
 
-    n = normal[:, None]
-    along, n1, n2 = (_dot(n, v)[..., None] for v in (axis, b1, b2))
-    sine, cosine = sine[..., None], cosine[..., None]
+    n, pivot = normal[:, None], pivot[:, None]
+    along, n1, n2, p1, p2 = (
+        _dot(a, b)[..., None] for a, b in ((n, axis), (n, b1), (n, b2), (pivot, b1), (pivot, b2))
+    )
     mean = 0.5 * (before + after)
-    chord = 2 * np.sin(0.5 * arc) * (np.cos(mean) * n1 + np.sin(mean) * n2)
-    integral = 0.5 * sine * (sine * along * arc - cosine * chord)
+    cos, sin = np.cos(mean), np.sin(mean)
+    chord = cosine * (cos * n1 + sin * n2) + cos * p2 - sin * p1
+    integral = sine * (0.5 * sine * along * arc - np.sin(0.5 * arc) * chord)
     return integral.sum(axis=(1, 2)), (sine * arc).sum(axis=(1, 2))
 
 
 def _other_caps(caps: Caps, b1: np.ndarray, b2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, m, m) middle and half-width of the part of circle i that cap j covers [rad].
 
-    The determinant of the three cosines says whether two circles meet; as a product it keeps
-    its digits for small caps: sin s sin(s - t) sin(s - a) sin(s - b), s = (t + a + b) / 2.
+    The half-width is an angle of the spherical triangle with the sides alpha_i, alpha_j and the
+    angle between the axes; from the half-angle formula it keeps its digits in small triangles,
+    and is 0 or pi where there is no triangle.
     """
     axis_i, axis_j = caps.axis[:, :, None], caps.axis[:, None]
-    sine_apart = np.sqrt(np.maximum(_dot(v := _cross(axis_i, axis_j), v), 0))
-    cosine_apart = _dot(axis_i, axis_j)
-    apart = np.arctan2(sine_apart, cosine_apart)
+    normal = _cross(axis_i, axis_j)
+    apart = np.arctan2(np.sqrt(_dot(normal, normal)), _dot(axis_i, axis_j))
     angle = np.arctan2(caps.sine, caps.cosine)
     angle_i, angle_j = angle[:, :, None], angle[:, None]
     s = 0.5 * (apart + angle_i + angle_j)
-    product = np.sin(s) * np.sin(s - apart) * np.sin(s - angle_i) * np.sin(s - angle_j)
-    root = 2 * np.sqrt(np.maximum(product, 0))
-    half = np.arctan2(root, caps.cosine[:, None] - cosine_apart * caps.cosine[:, :, None])
+    sin_s, sin_apart, sin_i, sin_j = (
+        np.sin(np.maximum(x, 0)) for x in (s, s - apart, s - angle_i, s - angle_j)
+    )
+    half = 2 * np.arctan2(np.sqrt(sin_apart * sin_i), np.sqrt(sin_s * sin_j))
     middle = np.arctan2(_dot(axis_j, b2[:, :, None]), _dot(axis_j, b1[:, :, None]))
 
     m = angle.shape[1]
-    covers = apart + angle_i <= angle_j + TOUCH
-    first = np.arange(m)[:, None] > np.arange(m)  # of two equal caps the first one counts
-    covers &= ~np.swapaxes(covers, 1, 2) | first
-    half = np.where(product > 0, half, 0)
-    half = np.where(np.swapaxes(covers, 1, 2), 0, half)
-    half = np.where(covers, np.pi, half)
+    within = apart + angle_i <= angle_j * (1 + TOUCH)
+    later = np.arange(m)[:, None] > np.arange(m)
+    within &= later | ~np.swapaxes(within, 1, 2)  # of two equal caps the first one counts
+    half = np.where(within, np.pi, np.where(np.swapaxes(within, 1, 2), 0, half))
     half[:, np.arange(m), np.arange(m)] = 0
     return middle, half
 
 
-def _union(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Intervals along the last axis, sorted by start, and how far each and those before it
-    reach: what they leave free lies between one's reach and the next one's start."""
+def _gaps(
+    start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the k intervals along the last axis leave free of [low, high]: the k + 1 gaps'
+    starts and ends, some of length 0."""
     order = np.argsort(start, axis=-1)
     start = np.take_along_axis(start, order, axis=-1)
-    end = np.take_along_axis(end, order, axis=-1)
-    return start, np.maximum.accumulate(end, axis=-1)
+    reached = np.maximum.accumulate(np.take_along_axis(end, order, axis=-1), axis=-1)
+    before = np.concatenate([low, reached], axis=-1)
+    return before, np.maximum(np.concatenate([start, high], axis=-1), before)
 
 
 def _root(sine: np.ndarray, across: np.ndarray) -> np.ndarray:

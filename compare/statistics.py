@@ -196,15 +196,17 @@ def scatter_test(
 
     A pixel's variance is averaged over the pixels of its class (classes: (H, W) int) within
     radius, whose degrees of freedom add up: 25 pixels of N = 4 have 75, where a pixel alone
-    would have 3. Honest where the variance is smooth within a class and a mean of `count`
-    samples is normal: where the light is wholly visible. Raises StatisticsError if there is no
-    variance.
+    would have 3. Its own counts where it is larger: Cycles has pixels where one sample in
+    thousands lies far off. So the false-alarm rate is at most what it says, where the variance
+    is smooth within a class and a mean of `count` samples is otherwise normal: where the light
+    is wholly visible. Raises StatisticsError if there is no variance.
     """
     total, squares = np.zeros(classes.shape), np.zeros(classes.shape)
     for one in (image, reference):
         if one.variance is None:
             raise StatisticsError("there is no variance to test a pixel with")
         pooled, pixels = _pooled(one.variance, classes, radius)
+        pooled = np.maximum(pooled, one.variance)
         total += pooled
         squares += pooled**2 / (one.dof * pixels)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -341,7 +343,7 @@ def _pooled(
         mean = ndimage.uniform_filter(np.where(inside, variance, 0), size, mode="constant")
         pooled[inside] = mean[inside] / share[inside]
         pixels[inside] = np.round(share[inside] * size**2)
-    return np.maximum(pooled, 0), pixels
+    return pooled, pixels
 
 
 def _range_p(
