@@ -20,6 +20,14 @@ typedef struct { uint32_t word[4]; } RngBlock;
 RngBlock rng_philox4x32(RngBlock counter, uint64_t seed);
 Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension);
 
+typedef enum { SAMPLER_INDEPENDENT, SAMPLER_JITTERED, SAMPLER_SOBOL } Sampler;
+typedef struct {
+    Sampler sampler; int count; int columns, rows; uint32_t *table[2];
+} PointSet;
+bool point_set_create(PointSet *set, Sampler sampler, int count, uint64_t seed);
+void point_set_free(PointSet *set);
+Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index, uint32_t dimension);
+
 typedef enum { LIGHT_POINT, LIGHT_QUAD } LightType;
 typedef struct { Vec3 position; Rgb radiant_intensity; } PointLight;
 typedef struct {
@@ -30,6 +38,13 @@ typedef struct {
     Vec3 direction; real distance; Rgb radiance; real pdf_solid_angle;
 } LightSample;
 LightSample light_sample(const Light *light, Vec3 point, Uniform2 random);
+
+typedef struct {
+    Vec3 x, y, z; double x0, x1, y0, y1, z0; double b0, b1, k; double solid_angle;
+} SphericalRectangle;
+bool spherical_rectangle_create(SphericalRectangle *rectangle, const QuadLight *light, Vec3 point);
+LightSample spherical_rectangle_light_sample(
+    const SphericalRectangle *rectangle, const QuadLight *light, Uniform2 random);
 
 typedef struct { Vec3 origin; Vec3 direction; } Ray;
 typedef struct { Vec3 center; real radius; Rgb brdf; } Sphere;

@@ -24,8 +24,8 @@ typedef struct {
 bool point_set_create(PointSet *set, Sampler sampler, int count, uint64_t seed);
 void point_set_free(PointSet *set);
 
-/* Point 0 <= index < count of a stream and dimension (rng.h), in [0, 1) x [0, 1). Each alone is
- * uniform, so each sampler is unbiased; together the later samplers' points spread more evenly. */
+/* Point 0 <= index < count of a stream and dimension (rng.h), in [0, 1) x [0, 1). One of them at
+ * random is uniform, so the mean over all is unbiased; the later samplers spread more evenly. */
 Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index, uint32_t dimension);
 
 /* What the kernel does for many pixels at a time (kernel.c) is built from the same pieces. */
