@@ -79,7 +79,6 @@ def page(data: Data) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    gallery = _Gallery(data)
     try:
         sections = {
             **_shadows(data),
@@ -89,6 +88,7 @@ def page(data: Data) -> str:
             **_antialiasing(data),
             **_speedup(data),
             **_provenance(data),
+            **_comparer(data),
         }
         sections["glance"] = _glance(data)
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -105,8 +105,6 @@ def page(data: Data) -> str:
         summary=_summary(data),
         scene=data.scenes["tp3"],
         light=figures.light_drawing(data.scenes["tp3"].quad_lights[0]),
-        links=gallery.links(),
-        comparer_images=gallery.images,
         css=Markup((TEMPLATES / "page.css").read_text()),
         viewer=Markup((TEMPLATES / "viewer.js").read_text()),
     )
@@ -191,45 +189,44 @@ def _outline_crop(data: Data, file: str) -> Crop:
     return figures.crop_around(outline, max(1, width // ENLARGED), max(1, height // ENLARGED))
 
 
-class _Gallery:
+def _comparer(data: Data) -> dict[str, Any]:
     """The images that the comparer holds, and links into it."""
+    shown = [
+        (item.file, scene, _label(data.images[item.file]), data.images[item.file].radiance)
+        for scene in SCENES
+        for item in IMAGES
+        if item.scene == scene
+    ]
+    for name, scene in data.scenes.items():
+        exact = data.exact[name, scene.height, scene.width]
+        shown.append((name, name, "exact", exact.radiance))
+    index = {key: position for position, (key, *_) in enumerate(shown)}
 
-    def __init__(self, data: Data) -> None:
-        self.images: list[dict[str, Any]] = []
-        self.index: dict[str, int] = {}
-        for scene in SCENES:
-            for item in IMAGES:
-                if item.scene == scene:
-                    image = data.images[item.file]
-                    self._add(item.file, scene, _label(image), image.radiance)
-            own_size = (scene, data.scenes[scene].height, data.scenes[scene].width)
-            self._add(scene, scene, "exact", data.exact[own_size].radiance)
+    def link(a: str, b: str, mode: str) -> dict[str, Any]:
+        return {"a": index[a], "b": index[b], "mode": mode}
 
-    def _add(self, key: str, scene: str, label: str, radiance: np.ndarray) -> None:
-        self.index[key] = len(self.images)
-        height, width = radiance.shape[:2]
-        self.images.append(
+    statement = [image_file("tp3_statement", n) for n in LIGHT_SAMPLES]
+    antialiased = image_file("tp3", FEW, PIXEL_SAMPLES)
+    middle = _edge_crop(data, statement[1])
+    place = {"x": middle.left + middle.width // 2, "y": middle.top + middle.height // 2}
+    return {
+        "comparer_images": [
             {
                 "label": label,
                 "group": f"scene {scene}",
-                "width": width,
-                "height": height,
+                "width": radiance.shape[1],
+                "height": radiance.shape[0],
                 "data": figures.packed_halves(radiance),
             }
-        )
-
-    def links(self) -> dict[str, dict[str, Any]]:
-        def link(a: str, b: str, mode: str) -> dict[str, Any]:
-            return {"a": self.index[a], "b": self.index[b], "mode": mode}
-
-        statement = [image_file("tp3_statement", n) for n in LIGHT_SAMPLES]
-        antialiased = image_file("tp3", FEW, PIXEL_SAMPLES)
-        return {
-            "start": link(statement[1], "tp3_statement", "split"),
+            for _, scene, label, radiance in shown
+        ],
+        "links": {
+            "start": link(statement[1], "tp3_statement", "split") | place,
             "figure_1": link(best_image_file("tp3_point"), best_image_file("tp3"), "a"),
             "figure_4": link(statement[0], statement[-1], "split"),
             "figure_8": link(antialiased, image_file("tp3", FEW * PIXEL_SAMPLES), "split"),
-        }
+        },
+    }
 
 
 # Agreement
