@@ -115,7 +115,8 @@ reference: $(SCENES:%=build/reference/%.exr)
 # Without Cycles (exit status 3): the small reference that the repository holds.
 build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.run
 	@mkdir -p $(@D)
-	$(PENUMBRA) reference $< -o $@ || { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@; }
+	$(PENUMBRA) reference $< -o $@ || \
+	    { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@.part && mv $@.part $@; }
 
 COMPARE := $(wildcard compare/*.py)
 
