@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "estimator.h"
-#include "light_packet.h"
 
 /* The sample loop is written once and compiled for each combination of its constant arguments;
  * the compiler is asked to do so, and is right without. */
@@ -35,16 +34,21 @@ static FOR_EACH_COMBINATION void sum_samples(const LightPacket *restrict light,
                                              SumPacket *restrict result, bool table, bool clamp,
                                              int nb_occluders)
 {
-    const LightPacket l = *light;
+    LightPacket l = *light;
     const real ux = l.ux, vx = l.vx, vy = l.vy;
     uint32_t shift_x[LANES], shift_y[LANES];
     memcpy(shift_x, points->shift_x, sizeof shift_x);
     memcpy(shift_y, points->shift_y, sizeof shift_y);
+    if (table) /* its points are in [1, 2): move the corner back by u + v */
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            l.cx[i] -= ux + vx;
+            l.cy[i] -= vy;
+        }
     real sum[LANES] = {0}, sum_of_squares[LANES] = {0};
     for (int j = 0; j < count; j++) {
         SIMD for (int i = 0; i < LANES; i++)
         {
-            /* table points are in [1, 2): see_light has moved the corner back by u + v */
             real s =
                 table ? (real)sobol_to_one_two(points->table_x[j] ^ shift_x[i]) : points->x[j][i];
             real t =
@@ -139,8 +143,8 @@ static void random_points(const PointSet *set, RngStream first, int first_sample
     }
 }
 
-static void sum_light(LightPacket *light, const PointSet *set, RngStream first, uint32_t dimension,
-                      double sum[LANES], double sum_of_squares[LANES])
+void kernel_sum(const LightPacket *light, const PointSet *set, RngStream first, uint32_t dimension,
+                double sum[LANES], double sum_of_squares[LANES])
 {
     PointPacket points;
     SumPacket chunk;
@@ -152,8 +156,6 @@ static void sum_light(LightPacket *light, const PointSet *set, RngStream first, 
         {
             points.shift_x[i] = word[0][i];
             points.shift_y[i] = word[1][i];
-            light->cx[i] -= light->ux + light->vx;
-            light->cy[i] -= light->vy;
         }
     }
     for (int first_sample = 0; first_sample < set->count; first_sample += CHUNK) {
@@ -171,12 +173,12 @@ static void sum_light(LightPacket *light, const PointSet *set, RngStream first, 
     }
 }
 
-static void quad_estimate(LightPacket *light, Rgb radiance, const HitPacket *restrict hits,
+static void quad_estimate(const LightPacket *light, Rgb radiance, const HitPacket *restrict hits,
                           const PointSet *set, RngStream first, uint32_t dimension,
                           EstimatePacket *restrict result)
 {
     double sum[LANES] = {0}, sum_of_squares[LANES] = {0};
-    sum_light(light, set, first, dimension, sum, sum_of_squares);
+    kernel_sum(light, set, first, dimension, sum, sum_of_squares);
 
     const double n = set->count;
     const double to_variance =
@@ -204,8 +206,8 @@ static void quad_estimate(LightPacket *light, Rgb radiance, const HitPacket *res
     }
 }
 
-static void textbook_estimate(const Scene *scene, int light, const HitPacket *hits,
-                              const PointSet *set, RngStream first, EstimatePacket *result)
+void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
+                     RngStream first, EstimatePacket *result)
 {
     for (int i = 0; i < LANES; i++) {
         if (hits->object[i] == SCENE_NOTHING)
@@ -213,11 +215,11 @@ static void textbook_estimate(const Scene *scene, int light, const HitPacket *hi
         Hit hit = packet_lane(hits, i);
         RngStream stream = first;
         stream.pixel += (uint32_t)i;
-        Estimate estimate = light_estimate(scene, light, &hit, set, SPREAD_AREA, stream);
+        Estimate estimate = light_estimate(scene, light, &hit, points, SPREAD_AREA, stream);
         result->radiance.r[i] += estimate.radiance.r;
         result->radiance.g[i] += estimate.radiance.g;
         result->radiance.b[i] += estimate.radiance.b;
-        if (set->sampler == SAMPLER_INDEPENDENT) {
+        if (points->sampler == SAMPLER_INDEPENDENT) {
             result->variance.r[i] += estimate.variance.r;
             result->variance.g[i] += estimate.variance.g;
             result->variance.b[i] += estimate.variance.b;
@@ -239,6 +241,6 @@ void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const Poi
             quad_estimate(&packet, light->shape.quad.radiance, hits, points, first, (uint32_t)i + 1,
                           result);
         else if (seen == SEEN_STRANGE)
-            textbook_estimate(scene, i, hits, points, first, result);
+            kernel_textbook(scene, i, hits, points, first, result);
     }
 }
