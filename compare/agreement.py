@@ -205,8 +205,8 @@ def agreement(
     verdict: "agrees" if the interval of the bias lies within +-delta; "differs" if it lies
     outside, at a p-value that stands after Holm's correction over the regions; else
     "undecided". consistent_fraction: the share of the region's pixels that do not contradict
-    the reference, after Benjamini and Hochberg's correction over all pixels at 1 - confidence;
-    None where the images do not tell how many samples they took.
+    a bias of delta or less of their own, after Benjamini and Hochberg's correction over all
+    pixels at 1 - confidence; None where the images do not tell how many samples they took.
     """
     if exact is None:
         exact = reference if isinstance(reference, ExactImage) else exact_for(image, scene)
@@ -225,7 +225,7 @@ def agreement(
         for region, test in tests.items()
     ]
     is_beyond = holm(np.array(p_beyond)) < 1 - confidence
-    consistent = case.consistent(confidence)
+    consistent = case.consistent(delta, confidence)
     rows = []
     for (region, test), differs in zip(tests.items(), is_beyond, strict=True):
         relative_to, unit = case.scale(region)
@@ -429,28 +429,31 @@ class _Case:
         except StatisticsError as error:
             return error
 
-    def pixel_p_values(self) -> np.ndarray:
-        """p-values of the pixels of "all", (n,). Raises StatisticsError."""
+    def pixel_p_values(self, delta: float = 0.0) -> np.ndarray:
+        """p-values of the pixels of "all", (n,): that their bias, relative to the reference's
+        pixel, is at most delta. Raises StatisticsError."""
+        allowed = self.reference.error_bound + delta * np.abs(self.reference.mean)
+        reference = dataclasses.replace(self.reference, error_bound=allowed)
         mask = self.masks["all"]
-        counts = [one.count for one in (self.image, self.reference) if not one.is_known]
+        counts = [one.count for one in (self.image, reference) if not one.is_known]
         is_normal = self.lit & (self.high <= SCATTER_RANGE * self.low)
         is_normal &= min(counts, default=0) >= SCATTER_COUNT
-        if self.image.variance is None or self.reference.variance is None:
+        if self.image.variance is None or reference.variance is None:
             is_normal[:] = False
         p = np.ones(mask.shape)
         if is_normal.any():
             classes = np.where(self.lit, self.object_id, -1)
-            p = scatter_test(self.image, self.reference, classes)
+            p = scatter_test(self.image, reference, classes)
         rest = mask & ~is_normal
         p[rest] = range_test(
-            self.image.at(rest), self.reference.at(rest), self.low[rest], self.high[rest]
+            self.image.at(rest), reference.at(rest), self.low[rest], self.high[rest]
         )
         return p[mask]
 
-    def consistent(self, confidence: float) -> np.ndarray | None:
+    def consistent(self, delta: float, confidence: float) -> np.ndarray | None:
         """(H, W) bool of the pixels of "all", or None if pixels cannot be tested."""
         try:
-            p = self.pixel_p_values()
+            p = self.pixel_p_values(delta)
         except StatisticsError:
             return None
         consistent = np.ones(self.lit.shape, dtype=bool)
