@@ -495,6 +495,15 @@ def test_a_delta_that_proves_nothing_is_refused(
         agreement(image, truth, tp3, delta=delta)
 
 
+def test_a_scene_of_nothing_but_background_is_refused(
+    render: Render, make_scene: Callable[..., Path]
+) -> None:
+    file = make_scene(spheres=None, planes=None)
+    background = render(file, **SIZE)
+    with pytest.raises(ComparisonError, match="no pixel of tp3 can be compared"):
+        agreement(background, exact_for(background, read_scene(file)), read_scene(file))
+
+
 @pytest.mark.parametrize("confidence", [0.0, 1.0, math.nan])
 def test_a_confidence_that_is_none_is_refused(
     confidence: float, image: Image, tp3: Scene, truth: ExactImage
@@ -600,6 +609,26 @@ def test_no_sample_leaves_the_range_of_a_sample(
     width = luminance(high - low)[y, x]
     if name != "sheared":
         assert (width <= 1.5 * (largest - smallest))[wide & on_floor].all()
+
+
+def test_a_sample_of_two_lights_takes_both_or_one_of_them_twice(
+    make_scene: Callable[..., Path], tp3: Scene, truth: ExactImage
+) -> None:
+    """Beside the lab's light one of half its power: all of a sample is between twice the weaker's
+    least and twice the stronger's most, so 1.5 times the lab's range lies within."""
+    quad = json.loads(make_scene().read_text())["quad_lights"][0]
+    lights = [quad, quad | {"name": "weak", "power": quad["power"] / 2}]
+    scene = read_scene(make_scene(quad_lights=lights))
+    low, high = sample_range(scene, exact_image(scene, WIDTH, HEIGHT))
+    alone_low, alone_high = sample_range(tp3, truth)
+    np.testing.assert_allclose(low, alone_low)
+    np.testing.assert_allclose(high, 2 * alone_high)
+
+
+def test_a_scene_without_light_has_samples_of_zero(make_scene: Callable[..., Path]) -> None:
+    scene = read_scene(make_scene(quad_lights=None))
+    low, high = sample_range(scene, exact_image(scene, WIDTH, HEIGHT))
+    assert not low.any() and not high.any()
 
 
 def test_the_range_of_a_sample_starts_at_zero_where_it_may_be_hidden(
