@@ -102,6 +102,24 @@ def test_samples_that_avoid_each_other_agree_with_exact_without_a_variance(
     assert all(row["consistent_fraction"] is not None for row in found.rows)
 
 
+@pytest.mark.parametrize("name", ["tp3", "tp3_statement", "tp3_point"])
+def test_shipped_cycles_references_agree_with_exact_and_c_does_not_contradict_them(
+    name: str, render: Render, scenes: Path
+) -> None:
+    """Cycles within 0.1% at 99% confidence in every region, and 99.9% of the pixels consistent.
+    C, at the references' size and N = 4096, within 1% of them: its penumbra's interval there
+    is +-0.15% (0.9 / sqrt(763 * 4096) * 2.58)."""
+    file = ROOT / "blender_ref" / "shipped" / f"{name}.exr"
+    found = compare_files(file, "exact", scenes / f"{name}.json")
+    assert found.rows[0]["delta"] == 1e-3
+    assert found.agrees, format_rows(found.rows)
+    reference = read_image(file)
+    height, width = reference.shape
+    ours = render(scenes / f"{name}.json", width=width, height=height, light_samples=4096, seed=1)
+    rows = agreement(ours, reference, read_scene(scenes / f"{name}.json"), delta=1e-2)
+    assert all(passes(row) for row in rows), format_rows(rows)
+
+
 def penumbra_scene(make_scene: Callable[..., Path], **changes: Any) -> Path:
     """The lab's scene from a camera that looks at the edge of the floor's shadow: 1659 of
     60 x 40 pixels are penumbra, so that few samples are wasted elsewhere."""
@@ -300,6 +318,21 @@ def test_inconsistent_pixels_are_counted_where_they_are(
     assert not passes(found["umbra"])
 
 
+def test_a_pixel_may_be_off_by_delta_and_not_by_much_more(tp3: Scene, truth: ExactImage) -> None:
+    """Without noise to speak of (1e-6), every lit pixel 0.04% too bright is consistent with a
+    delta of 0.05%, 0.06% is not; nor is either with a smaller delta. (But for 9% of the lit
+    floor, tested by the range of a sample since that is wide near the horizon.)"""
+    quiet = np.full_like(truth.radiance, 1e-12)
+    cases = ((4e-4, 5e-4, True), (6e-4, 5e-4, False), (4e-4, 1e-5, False))
+    for excess, delta, is_consistent in cases:
+        image = Image((1 + excess) * truth.radiance, quiet, {"lightSamples": 64})
+        fraction = by_region(agreement(image, truth, tp3, delta=delta))["floor:lit"][
+            "consistent_fraction"
+        ]
+        assert fraction is not None
+        assert fraction == 1 if is_consistent else fraction < 0.1
+
+
 def test_light_leaking_into_the_umbra_differs(image: Image, tp3: Scene, truth: ExactImage) -> None:
     """Its mean is 0, so the leak is relative to the whole picture's: 1% of that is 20 deltas."""
     radiance = image.radiance.copy()
@@ -462,6 +495,15 @@ def test_a_delta_that_proves_nothing_is_refused(
         agreement(image, truth, tp3, delta=delta)
 
 
+def test_a_scene_of_nothing_but_background_is_refused(
+    render: Render, make_scene: Callable[..., Path]
+) -> None:
+    file = make_scene(spheres=None, planes=None)
+    background = render(file, **SIZE)
+    with pytest.raises(ComparisonError, match="no pixel of tp3 can be compared"):
+        agreement(background, exact_for(background, read_scene(file)), read_scene(file))
+
+
 @pytest.mark.parametrize("confidence", [0.0, 1.0, math.nan])
 def test_a_confidence_that_is_none_is_refused(
     confidence: float, image: Image, tp3: Scene, truth: ExactImage
@@ -567,6 +609,26 @@ def test_no_sample_leaves_the_range_of_a_sample(
     width = luminance(high - low)[y, x]
     if name != "sheared":
         assert (width <= 1.5 * (largest - smallest))[wide & on_floor].all()
+
+
+def test_a_sample_of_two_lights_takes_both_or_one_of_them_twice(
+    make_scene: Callable[..., Path], tp3: Scene, truth: ExactImage
+) -> None:
+    """Beside the lab's light one of half its power: all of a sample is between twice the weaker's
+    least and twice the stronger's most, so 1.5 times the lab's range lies within."""
+    quad = json.loads(make_scene().read_text())["quad_lights"][0]
+    lights = [quad, quad | {"name": "weak", "power": quad["power"] / 2}]
+    scene = read_scene(make_scene(quad_lights=lights))
+    low, high = sample_range(scene, exact_image(scene, WIDTH, HEIGHT))
+    alone_low, alone_high = sample_range(tp3, truth)
+    np.testing.assert_allclose(low, alone_low)
+    np.testing.assert_allclose(high, 2 * alone_high)
+
+
+def test_a_scene_without_light_has_samples_of_zero(make_scene: Callable[..., Path]) -> None:
+    scene = read_scene(make_scene(quad_lights=None))
+    low, high = sample_range(scene, exact_image(scene, WIDTH, HEIGHT))
+    assert not low.any() and not high.any()
 
 
 def test_the_range_of_a_sample_starts_at_zero_where_it_may_be_hidden(
