@@ -118,7 +118,6 @@ def _camera(scene: Scene, aspect: float) -> None:
     camera.sensor_fit = "VERTICAL"
     camera.lens = max(1.0, 12 / slope)  # [mm]; Blender refuses focal lengths under 1 mm
     camera.sensor_height = 2 * slope * camera.lens
-    camera.shift_x = camera.shift_y = 0
     camera.dof.use_dof = False
     # The clip planes cut along the axis. The nearest visible point is at least `nearest` away
     # along a ray that is at most half the image's diagonal off the axis.
