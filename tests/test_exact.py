@@ -731,7 +731,7 @@ def test_lit_means_the_whole_light_and_penumbra_less(tp3):
     scene, image = tp3
     free = exact_image(dataclasses.replace(scene, spheres=()), 150, 100)
     floor = image.object_id == 1
-    assert np.all(free.shadow[FLOOR] == LIT)
+    assert np.all(free.shadow[floor] == LIT)
     lit, rest = floor & (image.shadow == LIT), floor & (image.shadow != LIT)
     assert lit.sum() > 4000 and rest.sum() > 400
     difference = np.abs(image.radiance - free.radiance)[lit].max(axis=1)
