@@ -65,6 +65,8 @@ def inputs(renderer: Path, small_scenes: Path, tmp_path_factory: pytest.TempPath
             continue
         command = item.command.replace("build/bin/penumbra-render", str(renderer))
         command = command.replace(" build/", f" {folder}/").replace(" scenes/", f" {small_scenes}/")
+        if not item.file.endswith("tp3_c_exact.json"):
+            command = command.replace(" --perceptual", "")  # slow; one shows it
         program, *arguments = shlex.split(command)
         if program == "penumbra":
             assert penumbra.main([*arguments, *_cheaper(arguments[0], arguments)]) in (0, 1)
