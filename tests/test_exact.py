@@ -367,6 +367,22 @@ def small_case(rng):
     return scene, on_floor(scene, 3 * k * rng.normal(size=(100, 3)) * (1, 0, 1) - UP)
 
 
+def wide_case(rng):
+    """A light metres wide, 1 mm to 1 m above the floor, over spheres that fit between (and some
+    that cut it); receivers below it and beside."""
+    height = 10 ** rng.uniform(-3, 0)
+    tilt = rng.uniform(-0.1, 0.1, 2) * height
+    light = quad((2, height - 1, -2), (-4, tilt[0], 0), (rng.normal(), tilt[1], 4))
+    spheres = []
+    for _ in range(rng.integers(1, 6)):
+        radius = height * rng.uniform(0.02, 0.6)
+        spheres.append((1.5 * rng.normal(size=3) * (1, 0, 1) + (radius - 1) * UP, radius))
+    scene = scene_of(spheres, [FLOOR], [light])
+    points = [c + 3 * r * rng.normal(size=3) for c, r in spheres for _ in range(20)]
+    points += list(2 * rng.normal(size=(20, 3)))
+    return scene, on_floor(scene, np.array(points) * (1, 0, 1) - UP)
+
+
 def off_other_surfaces(scene: Scene, receivers: Receivers) -> Receivers:
     """Leaves out receivers that lie on another sphere too: which side they are on is rounding."""
     keep = np.ones(len(receivers), dtype=bool)
@@ -384,7 +400,8 @@ def off_other_surfaces(scene: Scene, receivers: Receivers) -> Receivers:
         (lattice_case, 50, 300),
         (contact_case, 40, 20),
         (tangent_case, 100, 150),
-        (small_case, 40, 50),
+        (small_case, 25, 100),
+        (wide_case, 20, 400),
     ],
 )
 def test_closed_form_agrees_with_quadrature(case, scenes, partial):
@@ -572,6 +589,32 @@ def test_light_in_the_ceiling_is_not_behind_it():
         view_of(under, receivers).projected_solid_angle,
     )
     np.testing.assert_array_equal(view_of(under, receivers).whole, [False, True])
+
+
+def test_light_that_lies_or_stands_on_an_oblique_plane_is_whole():
+    """Turned at random, the corners are on the plane to rounding only: neither a light in the
+    ceiling nor one that stands on the receiver's plane may lose a sliver and turn to penumbra."""
+    rng = np.random.default_rng(7)
+    for _ in range(50):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        shift = 10 * rng.normal(size=3)
+        ceiling = quad(*(turn @ v for v in ((1, 5, -1), (-2, 0, 0), (0.3, 0, 2))))
+        upright = quad(*(turn @ v for v in ((3, 0, -1), (0, 2, 0), (0, 0.5, 2))))
+        light_planes = [
+            (turn @ (x, y, z) + shift, turn @ UP) for x, y, z in ((7, 0, 2), (-4, 5, 3))
+        ]
+        for light in (ceiling, upright):
+            light = dataclasses.replace(light, corner=tuple(light.corner + shift))
+            scene = scene_of([], light_planes, [light])
+            receiver = Receivers(
+                np.array([0]),
+                (turn @ (0.4, 0, 0.3) + shift)[None],
+                (turn @ UP)[None],
+                np.zeros(1, bool),
+            )
+            view = view_of(scene, receiver)
+            assert view.whole and view.projected_solid_angle > 0.05
 
 
 @pytest.mark.parametrize("wall", [0.5, 0.0, -0.999])
