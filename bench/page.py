@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.results import FAST, seconds_of
+from bench.law import seconds_of
+from bench.results import FAST
 from compare.provenance import write_whole
 
 BEGIN = "<!-- measured by `make bench`: begin -->"

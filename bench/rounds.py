@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from bench.law import Law, Row
 from bench.systems import (
     STEADY,
     Absent,
@@ -55,8 +56,6 @@ COLUMNS = (
     *("experiment", "system", "width", "height", "light_samples", "threads", "round", "seconds"),
     *("relative_rmse_all", "relative_rmse_lit"),
 )
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def measure(plan: Plan) -> Measured:
         systems, absent = _systems(plan, stack)
         bench = _Bench(plan, Truth(scene, plan.width, plan.height))
         bench.run(_tasks(plan, bench, systems, stack), "rounds")
-        bench.run(_target_tasks(plan, bench, systems), "targets")
+        bench.run(list(_target_tasks(plan, bench, systems)), "targets")
         versions = {s.name: s.version for s in systems if not isinstance(s, Penumbra)}
         return Measured(bench.frames, bench.peaks, absent, versions, bench.truth)
 
@@ -163,7 +162,7 @@ def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dic
 # ---------------------------------------------------------------- tasks
 
 Task = Callable[[int], None]
-"""Measures something in round number so-and-so; in round 0 it only warms up."""
+"""Measures something, in the round of that number, from 1."""
 
 
 @dataclass
@@ -175,7 +174,7 @@ class _Bench:
         self.frames: list[Row] = []
         self.peaks: list[Row] = []
 
-    def run(self, tasks: Iterable[Task], name: str) -> None:
+    def run(self, tasks: Sequence[Task], name: str) -> None:
         """All tasks in each round, each round in another order, the same in every run."""
         turns = []
         for number in range(1, self.plan.rounds + 1):
@@ -263,8 +262,8 @@ def _warm_up(plan: Plan, system: System) -> dict[int, float]:
                 seconds[count] = expected
             continue
         frame = Frame(plan.width, plan.height, count, plan.threads)
-        system.shoot(frame, picture=False)  # may compile, or fetch memory
-        seconds[count] = system.shoot(frame, picture=False).seconds
+        # The first may compile, or fetch memory.
+        seconds[count] = min(system.shoot(frame, picture=False).seconds for _ in range(2))
     return seconds
 
 
@@ -294,10 +293,8 @@ def _process_tasks(
 
 def _target_tasks(plan: Plan, bench: _Bench, systems: Sequence[System]) -> Iterator[Task]:
     """Frames with as many samples as a target needs by the fit, where that takes no time."""
-    from bench.results import Law
-
     for system in systems:
-        law = Law.of(bench.frames, system.name, plan)
+        law = Law.of(bench.frames, system.name, plan.threads)
         for target in plan.targets:
             count = law.samples_for(target)
             if count and law.seconds_at(count) < FRAME_LIMIT and system.flexible:

@@ -207,7 +207,7 @@ class MitsubaSystem:
             self.shoot(Frame(width, height, 1, threads), picture=False)
         except (SystemFailed, UnsupportedScene) as error:
             self.close()
-            raise Absent(str(error)) from error
+            raise Absent(f"{error}{_advice(str(error))}") from error
 
     def shoot(self, frame: Frame, picture: bool) -> Shot:
         out = Path(self._folder.name) / "frame.exr"
@@ -217,6 +217,14 @@ class MitsubaSystem:
     def close(self) -> None:
         self._process.close()
         self._folder.cleanup()
+
+
+def _advice(problem: str) -> str:
+    if "No module named" in problem:
+        return "; `make bench-extras` installs it"
+    if "LLVM" in problem:
+        return "; on Debian that is libllvm15 or another libllvm"
+    return ""
 
 
 def mitsuba_name(variant: str) -> str:

@@ -15,8 +15,8 @@ import pytest
 
 from bench import page, results
 from bench.__main__ import main
+from bench.law import Law, medians, round_up
 from bench.mitsuba_scene import UnsupportedScene, mitsuba_scene
-from bench.results import Law
 from bench.rounds import Measured, Plan, Truth
 from bench.systems import Frame, Loop, SystemFailed
 from compare.exact import LIT, exact_image
@@ -143,33 +143,30 @@ def rows(system: str, seconds: Any, error: Any, counts: Any = (4, 16, 64, 256)) 
     ]  # fmt: skip
 
 
-PLAN = Plan(Path("scene.json"), 6, 4)
-
-
 def test_law_recovers_the_power_law_and_the_line() -> None:
     """RMSE 0.5 N^-0.75 meets 1% at N = 50^(4/3) = 184.2, rounded up to 192; seconds 1e-3 + 1e-5 N,
     of which the median is twice, make 2 (1e-3 + 1.92e-3); beyond 256 in proportion to N."""
     frames = rows("a", lambda n: 1e-3 + 1e-5 * n, lambda n: 0.5 * n**-0.75)
-    law = Law.of(frames, "a", PLAN)
+    law = Law.of(frames, "a", 2)
     assert law.slope("all") == pytest.approx(-0.75)
     assert law.samples_for(0.01) == 192
     assert law.seconds_at(192) == pytest.approx(2 * (1e-3 + 1.92e-3))
-    assert law.samples_for(0.001) == results.round_up(500 ** (4 / 3))
+    assert law.samples_for(0.001) == round_up(500 ** (4 / 3))
     assert law.seconds_at(512) == pytest.approx(2 * 2 * (1e-3 + 2.56e-3))
 
 
 def test_noise_free_system_needs_the_fewest_samples_and_a_biased_one_never_gets_there() -> None:
     frames = rows("exact", lambda n: 1.0, lambda n: 2e-7) + rows("biased", float, lambda n: 0.1)
-    assert Law.of(frames, "exact", PLAN).samples_for(0.001) == 4
-    assert Law.of(frames, "exact", PLAN).slope("all") is None
-    assert Law.of(frames, "biased", PLAN).samples_for(0.001) is None
+    assert Law.of(frames, "exact", 2).samples_for(0.001) == 4
+    assert Law.of(frames, "exact", 2).slope("all") is None
+    assert Law.of(frames, "biased", 2).samples_for(0.001) is None
 
 
 def test_medians_are_medians_and_errors_are_root_mean_squares() -> None:
     frames = rows("a", lambda n: 1.0, lambda n: 1.0, counts=(4,))
     for row, error in zip(frames, (1.0, 2.0, 2.0), strict=True):
         row["relative_rmse_all"] = error
-    (row,) = results.medians(frames)
+    (row,) = medians(frames)
     assert (row["seconds"], row["low"], row["high"], row["rounds"]) == (2, 1, 3, 3)
     assert row["relative_rmse_all"] == pytest.approx(np.sqrt(3))
 
