@@ -25,13 +25,15 @@ build/setup.test: build/setup.run
 	./setup.sh test
 	@touch $@
 
-## lock : pin requirements.in anew in requirements.txt, at the newest versions
+## lock : pin requirements*.in anew in requirements*.txt, at the newest versions
 .PHONY: lock
 lock: | build/setup.run
 	.venv/bin/python -m venv build/lock
 	build/lock/bin/pip install --quiet --disable-pip-version-check uv
-	build/lock/bin/uv pip compile requirements.in --output-file requirements.txt --upgrade \
-	    --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
+	for name in requirements requirements-bench; do \
+	    build/lock/bin/uv pip compile $$name.in --output-file $$name.txt --upgrade --universal \
+	        --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet || exit; \
+	done
 
 # ---------------------------------------------------------------- C renderer
 
@@ -161,13 +163,37 @@ build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/referen
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
+# ---------------------------------------------------------------- benchmark
+
+BENCH_PROGRAMS := build/bin/penumbra-loop build/bin/fma-peak
+
+build/bin/fma-peak: bench/fma_peak.c Makefile | build/setup.run
+	@mkdir -p $(@D)
+	gcc $(C_FLAGS) -O3 -march=native -ffp-contract=fast $< -o $@
+
+# Of the same objects as the program, since the linker optimises: what is timed is what is run.
+build/bin/penumbra-loop: bench/loop.c $(patsubst %,build/obj/%.o,$(filter-out main,$(C_NAMES)))
+	@mkdir -p $(@D)
+	gcc $(C_FLAGS) -O3 -march=native -flto=auto -Ic_renderer/src $^ $(LIB_LDFLAGS) -o $@
+
+## bench : speed beside Cycles, Mitsuba and a textbook loop: build/bench/, docs/performance.md
+.PHONY: bench
+bench: build $(BENCH_PROGRAMS)
+	.venv/bin/python -P -m bench scenes/tp3.json -o build/bench --page docs/performance.md
+
+## bench-extras : install Mitsuba in .venv for the benchmark, which does without it too
+.PHONY: bench-extras
+bench-extras: build/setup.run
+	.venv/bin/pip install --quiet --disable-pip-version-check --require-hashes \
+	    --requirement requirements-bench.txt
+
 # ---------------------------------------------------------------- checks
 
-PYTHON_FILES := penumbra.py blender_ref compare report tests
+PYTHON_FILES := penumbra.py bench blender_ref compare report tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
-test: build/setup.test lint build $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
+test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
 	.venv/bin/pytest -n auto --maxprocesses 8
 
 ## lint : style and types, Python and C
@@ -176,14 +202,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch]
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch]
+	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean
