@@ -6,7 +6,9 @@ stands in where there is none.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -53,29 +55,20 @@ def exact_image(
     (equal steps would leave the floor near the horizon 5e-4 wrong at k = 4).
     Raises ValueError unless all three are positive.
     """
-    width, height = width or scene.width, height or scene.height
+    width = scene.width if width is None else width
+    height = scene.height if height is None else height
     if min(width, height, pixel_grid) < 1:
         raise ValueError("width, height and pixel_grid must be 1 or more")
     centre = _Layer.render(scene, width, height, 0.5, 0.5)
-    layers = [(1.0, centre)]
+    radiance, error_bound, edge = centre.radiance, centre.error_bound, centre.edges()
     if pixel_grid > 1:
-        nodes, weights = np.polynomial.legendre.leggauss(pixel_grid)  # type: ignore[no-untyped-call]
-        layers = [
-            (wx * wy / 4, _Layer.render(scene, width, height, 0.5 + x / 2, 0.5 + y / 2))
-            for x, wx in zip(nodes, weights, strict=True)
-            for y, wy in zip(nodes, weights, strict=True)
-        ]
-    edge = _mixed_neighbourhood(centre.object_id)
-    for light in range(centre.blocked.shape[-1]):
-        edge |= _mixed_neighbourhood(np.where(centre.object_id < 0, -1, centre.blocked[..., light]))
-    for _, layer in layers:
-        edge |= layer.object_id != centre.object_id
-        edge |= (layer.blocked != centre.blocked).any(axis=-1)
-    radiance = np.zeros((height, width, 3))
-    error_bound = np.zeros((height, width))
-    for weight, layer in layers:
-        radiance += weight * layer.radiance
-        error_bound += weight * layer.error_bound
+        radiance, error_bound = np.zeros_like(radiance), np.zeros_like(error_bound)
+        for weight, dx, dy in _positions(pixel_grid):
+            layer = _Layer.render(scene, width, height, dx, dy)
+            radiance += weight * layer.radiance
+            error_bound += weight * layer.error_bound
+            edge |= layer.object_id != centre.object_id
+            edge |= (layer.blocked != centre.blocked).any(axis=-1)
     return ExactImage(radiance, centre.object_id, centre.shadow, edge, error_bound)
 
 
@@ -109,18 +102,31 @@ class _Layer:
 
     @staticmethod
     def render(scene: Scene, width: int, height: int, dx: float, dy: float) -> _Layer:
+        """One ray through (column + dx, row + dy) of every pixel."""
         rows = max(1, CHUNK // width)
         parts = []
         for first in range(0, height, rows):
             y, x = np.mgrid[first : min(first + rows, height), 0:width]
             hits = camera_hits(scene, x.ravel() + dx, y.ravel() + dy, width, height)
             parts.append(_shade(scene, hits))
+        flat = [np.concatenate(values) for values in zip(*parts, strict=True)]
+        return _Layer(*(values.reshape(height, width, *values.shape[1:]) for values in flat))
 
-        def whole(values: list[np.ndarray]) -> np.ndarray:
-            stacked = np.concatenate(values)
-            return stacked.reshape(height, width, *stacked.shape[1:])
+    def edges(self) -> np.ndarray:
+        """(H, W) bool: whether the 3x3 pixels around hold two objects, or both sides of a
+        point light's shadow."""
+        edge = _mixed_neighbourhood(self.object_id)
+        for light in range(self.blocked.shape[-1]):
+            edge |= _mixed_neighbourhood(self.blocked[..., light])
+        return edge
 
-        return _Layer(*(whole([part[i] for part in parts]) for i in range(5)))
+
+def _positions(k: int) -> Iterator[tuple[float, float, float]]:
+    """(weight, dx, dy) of the k x k Gauss-Legendre positions in a pixel."""
+    nodes, weights = np.polynomial.legendre.leggauss(k)  # type: ignore[no-untyped-call]
+    for x, weight_x in zip(nodes, weights, strict=True):
+        for y, weight_y in zip(nodes, weights, strict=True):
+            yield weight_x * weight_y / 4, 0.5 + x / 2, 0.5 + y / 2
 
 
 def _shade(scene: Scene, hits: Receivers) -> tuple[np.ndarray, ...]:
@@ -141,8 +147,8 @@ def _shade(scene: Scene, hits: Receivers) -> tuple[np.ndarray, ...]:
         intensity = np.asarray(point_light.radiant_intensity)
         irradiance += geometry[:, None] * intensity
         irradiance_error += np.finfo(float).eps * 8 * geometry[:, None] * intensity
-        blocked[index, i] = behind
         if intensity.any():
+            blocked[index, i] = behind
             whole &= visible
             hidden &= ~visible
     for quad_light in scene.quad_lights:
@@ -162,15 +168,18 @@ def _shade(scene: Scene, hits: Receivers) -> tuple[np.ndarray, ...]:
 def _solved_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView:
     """The closed form, and quadrature where there is none."""
     view = quad_view(scene, light, receivers)
-    left = np.flatnonzero(view.unsolved)
-    if len(left):
-        before = view.projected_solid_angle[left]
-        value, bound = integrate_light(scene, light, receivers[left])
-        view.projected_solid_angle[left] = value
-        view.error_bound[left] = bound
-        view.hidden[left] = value <= bound
-        view.whole[left] |= before - value <= bound
-    return view
+    if not view.unsolved.any():
+        return view
+    without = view.projected_solid_angle[view.unsolved]
+    value, error = integrate_light(scene, light, receivers[view.unsolved])
+    place = partial(_placed, which=view.unsolved)
+    return LightView(
+        projected_solid_angle=place(view.projected_solid_angle, value),
+        error_bound=place(view.error_bound, error),
+        whole=place(view.whole, without - value <= error),
+        hidden=place(view.hidden, value <= error),
+        unsolved=np.zeros_like(view.unsolved),
+    )
 
 
 def _point_view(
@@ -200,6 +209,12 @@ def _point_view(
     with np.errstate(divide="ignore", invalid="ignore"):
         geometry = np.where(visible, height / (squared * np.sqrt(squared)), 0)
     return geometry, visible, behind
+
+
+def _placed(old: np.ndarray, new: np.ndarray, which: np.ndarray) -> np.ndarray:
+    result = old.copy()
+    result[which] = new
+    return result
 
 
 def _mixed_neighbourhood(values: np.ndarray) -> np.ndarray:

@@ -127,9 +127,7 @@ def bias_test(
     """Welch's test of a region's mean difference, pixels independent.
 
     standard error^2 = sum of the pixels' variances / n^2, both images. Degrees of freedom by
-    Welch and Satterthwaite, every random pixel's variance a term with one of its own:
-    (sum v)^2 / sum v^2. Not its samples - 1: where light is rare a variance rests on the few
-    samples that met it, however many were drawn.
+    Welch and Satterthwaite: (sum v_i)^2 / sum(v_i^2 / dof_i), pixel by pixel.
 
     Raises StatisticsError if a variance is not known (see `bias_test_from_scatter`), or where
     fewer than MIN_TERMS degrees of freedom are behind a bias that is not 0.
@@ -137,15 +135,16 @@ def bias_test(
     n = _count(mask)
     bias = float((image.mean[mask] - reference.mean[mask]).mean())
     bound = _mean_bound(image, reference, mask)
-    variances = []
+    total = squares = 0.0
     for one in (image, reference):
         if one.variance is None:
             raise StatisticsError("there is no variance: noise cannot be told from bias")
         if not one.is_known:
-            variances.append(one.variance[mask] / n**2)
-    total = float(sum(v.sum() for v in variances))
-    squares = float(sum((v**2).sum() for v in variances))
-    dof = total**2 / squares if squares > 0 else (0.0 if variances else math.inf)
+            variance = one.variance[mask] / n**2
+            total += float(variance.sum())
+            squares += float((variance**2 / _pixel_dof(one.at(mask))).sum())
+    random = not (image.is_known and reference.is_known)
+    dof = total**2 / squares if squares > 0 else (0.0 if random else math.inf)
     # Light is not negative: where the reference is known to be black, nothing may scatter.
     is_black = reference.is_known and not reference.mean[mask].any()
     if dof < MIN_TERMS and abs(bias) > bound and not is_black:
@@ -300,6 +299,22 @@ def _count(mask: np.ndarray) -> int:
     if n == 0:
         raise StatisticsError("the region is empty")
     return n
+
+
+def _pixel_dof(one: Estimate) -> np.ndarray:
+    """Degrees of freedom of each pixel's variance, from 1 to `dof`.
+
+    Not samples - 1: where light is rare the variance rests on the few samples that met it.
+    Samples that are all or nothing, seen with probability p, have a sample variance of relative
+    variance (1 - 4 pq) / (pq N) + 2 / (N (N - 1)) = 2 / dof; mean and variance tell
+    pq = m^2 s^2 / (m^2 + s^2)^2. Where they are not all or nothing that errs towards 1.
+    """
+    assert one.variance is not None
+    n = one.dof + 1
+    square, scatter = one.mean**2, one.variance * n
+    pq = square * scatter / np.maximum((square + scatter) ** 2, np.finfo(float).tiny)
+    relative = (1 - 4 * pq) / np.maximum(pq * n, np.finfo(float).tiny) + 2 / (n * (n - 1))
+    return np.clip(2 / np.maximum(relative, np.finfo(float).tiny), 1, one.dof)
 
 
 def _mean_bound(image: Estimate, reference: Estimate, mask: np.ndarray) -> float:

@@ -64,11 +64,11 @@ def scaled(image: Image, factor: float) -> Image:
 def test_c_agrees_with_exact_in_lit_floor_and_sphere(
     render: Render, tp3: Scene, scenes: Path
 ) -> None:
-    """Within 0.05% at 99% confidence. 150 x 100 pixels at N = 2048 are 5,200 lit floor pixels
-    and 2,900 of the sphere: 2.5e-5 * sqrt(83774 * 64 / (5200 * 2048)) = 1.8e-5 and 1.2e-4
-    relative standard error (from those measured at 600 x 400, N = 64), so intervals of
-    +-0.005% and +-0.03%, which fit."""
-    image = render(scenes / "tp3.json", width=150, height=100, light_samples=2048, seed=1)
+    """Within 0.05% at 99% confidence. At 600 x 400 and N = 64 the relative standard errors were
+    2.5e-5 and 1.7e-4, so at 150 x 100 and N = 5000 they are 4 sqrt(64 / 5000) = 0.45 times that:
+    the sphere's interval is +-0.02%, and agreement fails by chance if its mean is 3.9 standard
+    errors off, 1 in 10,000."""
+    image = render(scenes / "tp3.json", width=150, height=100, light_samples=5000, seed=1)
     rows = by_region(agreement(image, exact_for(image, tp3), tp3))
     for region in ("floor:lit", "sphere"):
         assert rows[region]["verdict"] == "agrees", rows[region]
@@ -228,8 +228,8 @@ def test_rows_hold_the_keys_of_agreement_json_for_every_region_but_silhouettes(
 def test_a_verdict_follows_from_interval_and_delta(
     image: Image, tp3: Scene, truth: ExactImage
 ) -> None:
-    """The same image against deltas of 5%, 0.1% and, 3% too bright, 0.1%: its lit interval is
-    about +-0.13% wide (8.3e-5 * sqrt(98202 / 866) = 0.09% at 600 x 400's error)."""
+    """The same image against deltas of 5%, 0.001% and, 3% off, 0.1%: its lit interval is about
+    +-0.09% wide (2.58 * 3.15e-5 at 600 x 400, times sqrt(98202 / 866) for fewer pixels)."""
     for candidate, delta, verdict in (
         (image, 0.05, "agrees"),
         (image, 1e-5, "undecided"),
@@ -269,7 +269,7 @@ def test_two_renders_of_one_scene_agree_and_one_three_percent_brighter_does_not(
     image: Image, render: Render, scenes: Path, tp3: Scene
 ) -> None:
     other = render(scenes / "tp3.json", **SIZE, light_samples=256, seed=4)
-    rows = agreement(image, other, tp3, delta=0.05)
+    rows = agreement(image, other, tp3, delta=0.1)
     assert all(passes(row) for row in rows), rows
     assert by_region(agreement(image, scaled(other, 1.03), tp3))["lit"]["verdict"] == "differs"
 
@@ -429,13 +429,7 @@ def test_images_of_two_sizes_are_refused_by_name(
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("where", ["radiance", "variance"])
 def test_nan_and_infinity_are_refused_wherever_they_are(
-    bad: float,
-    where: str,
-    image: Image,
-    tp3: Scene,
-    truth: ExactImage,
-    tmp_path: Path,
-    scenes: Path,
+    bad: float, where: str, image: Image, tp3: Scene, truth: ExactImage
 ) -> None:
     values = getattr(image, where).copy()
     values[5, 7, 1] = bad
@@ -443,9 +437,12 @@ def test_nan_and_infinity_are_refused_wherever_they_are(
     for pair in ((broken, image), (image, broken)):
         with pytest.raises(ComparisonError, match=r"a\.exr, b\.exr: .* NaN or infinite"):
             agreement(*pair, tp3, exact=truth, names=("a.exr", "b.exr"))
-    file = written(tmp_path, "broken.exr", broken)
-    with pytest.raises(ImageError, match=r"broken\.exr"):
-        compare_files(file, "exact", scenes / "tp3.json")
+
+
+def test_a_file_that_holds_nan_is_refused_by_name(tmp_path: Path, scenes: Path) -> None:
+    (tmp_path / "broken.pfm").write_bytes(b"PF\n1 1\n-1\n" + np.full(3, np.nan, "<f4").tobytes())
+    with pytest.raises(ImageError, match=r"broken\.pfm"):
+        compare_files(tmp_path / "broken.pfm", "exact", scenes / "tp3.json")
 
 
 @pytest.mark.parametrize("delta", [0.0, -1.0, math.nan, math.inf])
@@ -483,7 +480,7 @@ def test_files_that_agree_have_exit_status_0_and_others_1(
     good = written(tmp_path, "good.exr", image)
     bright = written(tmp_path, "bright.exr", scaled(image, 1.03))
     scene = scenes / "tp3.json"
-    assert compare_files(good, "exact", scene, delta=0.05).exit_status == 0
+    assert compare_files(good, "exact", scene, delta=0.1).exit_status == 0
     assert compare_files(bright, "exact", scene).exit_status == 1
     undecided = compare_files(good, "exact", scene)
     assert undecided.exit_status == 1

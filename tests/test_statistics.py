@@ -134,16 +134,29 @@ def test_detectable_bias_is_found_with_the_stated_power() -> None:
 
 
 def test_detectable_bias_and_interval_follow_students_t() -> None:
-    """16 pixels of variance 0.04, each a degree of freedom: se = sqrt(16 * 0.04) / 16 = 0.05,
-    dof = 16, t(0.995) = 2.9208, t(0.99) = 2.5835; a bias of 0.1 is t = 2."""
+    """16 pixels whose variance 0.04 comes from 2 samples each, so 1 degree of freedom each:
+    se = sqrt(16 * 0.04) / 16 = 0.05, dof = 16, t(0.995) = 2.9208, t(0.99) = 2.5835; a bias of
+    0.1 is t = 2."""
     mean = np.full((4, 4), 0.5)
-    image = Estimate(mean + 0.1, np.full((4, 4), 0.04), 63.0, 64, np.zeros((4, 4)))
+    image = Estimate(mean + 0.1, np.full((4, 4), 0.04), 1.0, 2, np.zeros((4, 4)))
     test = bias_test(image, known(mean), mean > 0)
     assert test.dof == pytest.approx(16)
     assert test.standard_error == pytest.approx(0.05)
     assert test.high - test.bias == pytest.approx(2.9208 * 0.05, rel=1e-4)
     assert test.detectable == pytest.approx((2.9208 + 2.5835) * 0.05, rel=1e-4)
     assert test.p_value == pytest.approx(2 * stats.t.sf(2, 16))
+
+
+def test_degrees_of_freedom_count_what_was_seen_and_not_what_was_drawn() -> None:
+    """1000 samples that are all or nothing, the light met by 4 of them in each of 25 pixels:
+    p = 0.004, sample variance 1000/999 p (1 - p), whose own relative variance is
+    (1 - 4 pq) / (pq N) = 0.247 (and 2e-6 more), so 2 / 0.247 = 8.1 degrees of freedom and not
+    999; 25 times that in all."""
+    mean = np.full((5, 5), 0.004)
+    image = Estimate(mean, mean * (1 - mean) / 999, 999.0, 1000, np.zeros((5, 5)))
+    pq = 0.004 * 0.996
+    expected = 25 * 2 / ((1 - 4 * pq) / (1000 * pq))
+    assert bias_test(image, known(mean), mean > 0).dof == pytest.approx(expected, rel=0.01)
 
 
 def test_error_bounds_widen_the_interval_and_are_no_evidence_of_bias() -> None:

@@ -159,6 +159,8 @@
     $("gain").value = gainStops;
     $("gain").disabled = mode !== "difference";
     $("gain-value").textContent = `\u00d7${factor(2 ** gainStops)}`;
+    for (const slider of ["split", "exposure", "gain"])
+      $(slider).setAttribute("aria-valuetext", $(`${slider}-value`).textContent);
     $("zoom-value").textContent = `\u00d7${state.zoom}`;
     $("legend").hidden = mode !== "difference";
     for (const end of root.querySelectorAll("[data-end]"))
@@ -356,8 +358,8 @@
 
   state.a = +root.dataset.a;
   state.b = +root.dataset.b;
-  state.x = Math.floor(images[state.a].width / 2);
-  state.y = Math.floor(images[state.a].height / 2);
+  state.x = +root.dataset.x;
+  state.y = +root.dataset.y;
   new ResizeObserver(refresh).observe(canvas);
   draw();
 })();
