@@ -300,8 +300,8 @@ def summary(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
 
     efficiency = 1 / (relative MSE x seconds) [1/s]: of two unbiased methods whose variance
     falls as 1/N, the one of twice the efficiency takes half the time. Its interval multiplies
-    the limits of both, and so holds it with more than CONFIDENCE. The root of an exact zero
-    has no efficiency.
+    the limits of both; without an error there is no efficiency (None). on_frontier: no other
+    row of that region and number of threads is both faster and nearer the truth.
     """
     rows: list[dict[str, Any]] = []
     for (renderer, setting), group in _groups(frames).items():
@@ -333,8 +333,10 @@ def summary(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
                     "on_frontier": False,
                 }
             )
-    for region in bench.mean_square:
-        here = [row for row in rows if row["region"] == region]
+    alike: dict[tuple[str, int], list[dict[str, Any]]] = {}
+    for row in rows:
+        alike.setdefault((row["region"], row["threads"]), []).append(row)
+    for here in alike.values():
         for i in choice.frontier([(row["seconds"], row["relative_rmse"]) for row in here]):
             here[i]["on_frontier"] = True
     return rows
