@@ -66,7 +66,7 @@ $(1)/lib/libpenumbra.so: $(patsubst %,$(1)/obj/%.o,$(filter-out main,$(C_NAMES))
 	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@
 
 # Fused multiply-add where it pays; elsewhere, and so in the scene reader, C99's plain arithmetic.
-$(1)/obj/kernel.o $(1)/obj/packet.o: C_FLAGS += -ffp-contract=fast
+$(1)/obj/kernel.o $(1)/obj/light_packet.o $(1)/obj/packet.o: C_FLAGS += -ffp-contract=fast
 
 -include $(C_NAMES:%=$(1)/obj/%.d)
 endef
@@ -115,7 +115,8 @@ reference: $(SCENES:%=build/reference/%.exr)
 # Without Cycles (exit status 3): the small reference that the repository holds.
 build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.run
 	@mkdir -p $(@D)
-	$(PENUMBRA) reference $< -o $@ || { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@; }
+	$(PENUMBRA) reference $< -o $@ || \
+	    { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@.part && mv $@.part $@; }
 
 COMPARE := $(wildcard compare/*.py)
 

@@ -155,13 +155,14 @@ install_missing() {
             exit 3
         fi
     fi
-    local apt=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get
-        --option DPkg::Lock::Timeout=120 --quiet)
+    as_root+=(env DEBIAN_FRONTEND=noninteractive)
+    local options=(--option DPkg::Lock::Timeout=120 --quiet)
     say "installing with apt: ${missing[*]} (log: $log)"
-    # Old or absent package lists make the first attempt fail: fetch them only then.
-    if ! logged "${apt[@]}" "${install[@]:1}" 2>/dev/null; then
-        logged "${apt[@]}" update || true
-        logged "${apt[@]}" "${install[@]:1}" ||
+    # Only if that fails, what may help: finish an interrupted installation, fetch package lists.
+    if ! logged "${as_root[@]}" "${install[@]}" "${options[@]}" 2>/dev/null; then
+        logged "${as_root[@]}" dpkg --configure -a || true
+        logged "${as_root[@]}" apt-get update "${options[@]}" || true
+        logged "${as_root[@]}" "${install[@]}" "${options[@]}" ||
             stop "apt could not install: ${missing[*]} (see $log; is there a network?)"
     fi
 }

@@ -118,7 +118,6 @@ def _camera(scene: Scene, aspect: float) -> None:
     camera.sensor_fit = "VERTICAL"
     camera.lens = max(1.0, 12 / slope)  # [mm]; Blender refuses focal lengths under 1 mm
     camera.sensor_height = 2 * slope * camera.lens
-    camera.shift_x = camera.shift_y = 0
     camera.dof.use_dof = False
     # The clip planes cut along the axis. The nearest visible point is at least `nearest` away
     # along a ray that is at most half the image's diagonal off the axis.
@@ -162,7 +161,7 @@ def _node_tree(owner: bpy.types.ID) -> bpy.types.NodeTree:
 
 
 def _diffuse(scene: Scene, thing: Sphere | Plane, cut: bool = False) -> bpy.types.Material:
-    """Lambert on both sides. Cycles divides by pi what the scene's brdf does not: see L_CYCLES.
+    """Lambert on both sides. Cycles divides by pi: see _cycles_radiance.
 
     cut: camera rays pass where the surface is farther than ray_max_distance.
     """
@@ -317,7 +316,7 @@ def _farthest_light(scene: Scene) -> float:
 
 
 def _cycles_radiance(value: Vec3) -> tuple[float, Vec3]:
-    """L_CYCLES: pi times the scene's radiance (or radiant intensity), as strength and colour.
+    """Pi times the scene's radiance (or radiant intensity), as strength and colour.
 
     The scene's surfaces reflect brdf * E, a Cycles Diffuse BSDF reflects color / pi * E.
     """
@@ -405,7 +404,7 @@ def _parallelogram(quad: QuadLight) -> bpy.types.Object:
 
 
 def _point_light(point: PointLight) -> None:
-    """I = P / (4 pi pi) * pi: a sphere light's L = P / (pi 4 pi r^2) times its pi r^2."""
+    """I = P / (4 pi): a sphere light's L = P / (pi 4 pi r^2), seen as a disc of pi r^2."""
     intensity, colour = _cycles_radiance(point.radiant_intensity)
     light = _lamp(point.name, "POINT", 4 * math.pi * intensity, colour)
     light.shadow_soft_size = 0

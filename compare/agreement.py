@@ -21,7 +21,7 @@ from compare.exact import LIT, ExactImage, exact_image, regions
 from compare.image import EIGHT_BIT, Image, read_image
 from compare.metrics import luminance, measure_regions
 from compare.receivers import camera_hits
-from compare.scene import QuadLight, Scene, read_scene
+from compare.scene import PointLight, QuadLight, Scene, read_scene
 from compare.statistics import (
     CONFIDENCE,
     BiasTest,
@@ -205,8 +205,8 @@ def agreement(
     verdict: "agrees" if the interval of the bias lies within +-delta; "differs" if it lies
     outside, at a p-value that stands after Holm's correction over the regions; else
     "undecided". consistent_fraction: the share of the region's pixels that do not contradict
-    the reference, after Benjamini and Hochberg's correction over all pixels at 1 - confidence;
-    None where the images do not tell how many samples they took.
+    a bias of delta or less of their own, after Benjamini and Hochberg's correction over all
+    pixels at 1 - confidence; None where the images do not tell how many samples they took.
     """
     if exact is None:
         exact = reference if isinstance(reference, ExactImage) else exact_for(image, scene)
@@ -225,7 +225,7 @@ def agreement(
         for region, test in tests.items()
     ]
     is_beyond = holm(np.array(p_beyond)) < 1 - confidence
-    consistent = case.consistent(confidence)
+    consistent = case.consistent(delta, confidence)
     rows = []
     for (region, test), differs in zip(tests.items(), is_beyond, strict=True):
         relative_to, unit = case.scale(region)
@@ -273,33 +273,39 @@ def sample_range(
     scene: Scene, exact: ExactImage, pixel_samples: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     """The least and the most that one light sample brings to each pixel's R, G, B: two arrays
-    (H, W, 3) [W m^-2 sr^-1], lights summed.
+    (H, W, 3) [W m^-2 sr^-1].
 
     A sample of a quad, drawn by area or by solid angle, brings brdf L_e A cos cos / d^2 within
     the bounds that the largest and smallest cosines and distances over the quad give (not
     tight, but valid), or 0 if it is hidden: the least is 0 wherever the exact solution does not
-    say that every light is wholly visible. With pixel_samples > 1 the range covers the 3x3
-    pixels around.
+    say that every light is wholly visible. Of n lights a sample may take all, as this
+    repository's renderer does, or one at random and n times its light, as Cycles does: it
+    brings n times the brightest one's at most. With pixel_samples > 1 the range covers the
+    3x3 pixels around.
     """
     height, width = exact.object_id.shape
     y, x = np.mgrid[0:height, 0:width]
     hits = camera_hits(scene, x.ravel() + 0.5, y.ravel() + 0.5, width, height)
     on = np.flatnonzero(hits.object_id >= 0)
-    receivers = hits[on]
-    brdf = np.array([thing.brdf for thing in scene.objects]).reshape(-1, 3)[receivers.object_id]
-    low, high = np.zeros((height * width, 3)), np.zeros((height * width, 3))
-    for light in scene.quad_lights:
-        least, most = _geometry_range(light, receivers.point, receivers.normal)
-        low[on] += brdf * np.asarray(light.radiance) * least[:, None]
-        high[on] += brdf * np.asarray(light.radiance) * most[:, None]
-    for point_light in scene.point_lights:
-        to_light = np.asarray(point_light.position) - receivers.point
-        distance = np.linalg.norm(to_light, axis=1)
-        cosine = np.einsum("ij,ij->i", to_light, receivers.normal) / distance
-        value = brdf * np.asarray(point_light.radiant_intensity)
-        value *= (np.maximum(cosine, 0) / distance**2)[:, None]
-        low[on] += value
-        high[on] += value
+    point, normal = hits.point[on], hits.normal[on]
+    least, most = np.full((len(on), 3), np.inf), np.zeros((len(on), 3))
+    lights: tuple[QuadLight | PointLight, ...] = (*scene.quad_lights, *scene.point_lights)
+    for light in lights:
+        if isinstance(light, QuadLight):
+            emitted = np.asarray(light.radiance)
+            geometry = _geometry_range(light, point, normal)
+        else:
+            emitted = np.asarray(light.radiant_intensity)
+            to_light = np.asarray(light.position) - point
+            distance = np.linalg.norm(to_light, axis=1)
+            height_above = np.maximum(np.einsum("ij,ij->i", to_light, normal), 0)
+            geometry = (height_above / distance**3,) * 2
+        least = np.minimum(least, emitted * geometry[0][:, None])
+        most = np.maximum(most, emitted * geometry[1][:, None])
+    least[~np.isfinite(least)] = 0  # no light at all
+    brdf = np.array([thing.brdf for thing in scene.objects]).reshape(-1, 3)[hits.object_id[on]]
+    low, high = np.zeros((2, height * width, 3))
+    low[on], high[on] = len(lights) * brdf * least, len(lights) * brdf * most
     low, high = low.reshape(height, width, 3), high.reshape(height, width, 3)
     low[exact.shadow != LIT] = 0
     if pixel_samples > 1:
@@ -429,28 +435,31 @@ class _Case:
         except StatisticsError as error:
             return error
 
-    def pixel_p_values(self) -> np.ndarray:
-        """p-values of the pixels of "all", (n,). Raises StatisticsError."""
+    def pixel_p_values(self, delta: float = 0.0) -> np.ndarray:
+        """p-values of the pixels of "all", (n,): that their bias, relative to the reference's
+        pixel, is at most delta. Raises StatisticsError."""
+        allowed = self.reference.error_bound + delta * np.abs(self.reference.mean)
+        reference = dataclasses.replace(self.reference, error_bound=allowed)
         mask = self.masks["all"]
-        counts = [one.count for one in (self.image, self.reference) if not one.is_known]
+        counts = [one.count for one in (self.image, reference) if not one.is_known]
         is_normal = self.lit & (self.high <= SCATTER_RANGE * self.low)
         is_normal &= min(counts, default=0) >= SCATTER_COUNT
-        if self.image.variance is None or self.reference.variance is None:
+        if self.image.variance is None or reference.variance is None:
             is_normal[:] = False
         p = np.ones(mask.shape)
         if is_normal.any():
             classes = np.where(self.lit, self.object_id, -1)
-            p = scatter_test(self.image, self.reference, classes)
+            p = scatter_test(self.image, reference, classes)
         rest = mask & ~is_normal
         p[rest] = range_test(
-            self.image.at(rest), self.reference.at(rest), self.low[rest], self.high[rest]
+            self.image.at(rest), reference.at(rest), self.low[rest], self.high[rest]
         )
         return p[mask]
 
-    def consistent(self, confidence: float) -> np.ndarray | None:
+    def consistent(self, delta: float, confidence: float) -> np.ndarray | None:
         """(H, W) bool of the pixels of "all", or None if pixels cannot be tested."""
         try:
-            p = self.pixel_p_values()
+            p = self.pixel_p_values(delta)
         except StatisticsError:
             return None
         consistent = np.ones(self.lit.shape, dtype=bool)

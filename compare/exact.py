@@ -52,7 +52,8 @@ def exact_image(
 
     width, height: pixels, instead of the scene's own. pixel_grid = 1 gives what a ray through
     each pixel's centre sees; k > 1 the mean over the pixel by k x k Gauss-Legendre positions
-    (equal steps would leave the floor near the horizon 5e-4 wrong at k = 4).
+    (equal steps would be 1e-3 wrong on the floor near the horizon where these are 3e-5, at k = 4
+    and 300 x 200 pixels).
     Raises ValueError unless all three are positive.
     """
     width = scene.width if width is None else width

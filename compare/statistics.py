@@ -21,9 +21,9 @@ from compare.metrics import luminance
 
 CONFIDENCE = 0.99
 """Of intervals and verdicts, and the power that a detectable bias is stated at."""
-MIN_TERMS = 10
-"""Fewer pixels, or tiles of pixels, do not tell how far their mean scatters: with 10 the relative
-error of the standard error is already 1 / sqrt(2 * 9) = 24%."""
+MIN_TILES = 10
+"""Fewer tiles do not tell how far their mean scatters: with 10 the relative error of the standard
+error is already 1 / sqrt(2 * 9) = 24%."""
 TILE = 8
 """Side of a tile [pixels]: a JPEG's block, and wider than any anti-aliasing filter."""
 POOL_RADIUS = 2
@@ -130,7 +130,7 @@ def bias_test(
     Welch and Satterthwaite: (sum v_i)^2 / sum(v_i^2 / dof_i), pixel by pixel.
 
     Raises StatisticsError if a variance is not known (see `bias_test_from_scatter`), or where
-    fewer than MIN_TERMS degrees of freedom are behind a bias that is not 0.
+    no sample of the region differed from another but the means do: that may be an accident.
     """
     n = _count(mask)
     bias = float((image.mean[mask] - reference.mean[mask]).mean())
@@ -144,14 +144,12 @@ def bias_test(
             total += float(variance.sum())
             squares += float((variance**2 / _pixel_dof(one.at(mask))).sum())
     random = not (image.is_known and reference.is_known)
-    dof = total**2 / squares if squares > 0 else (0.0 if random else math.inf)
+    dof = total**2 / squares if squares > 0 else math.inf
     # Light is not negative: where the reference is known to be black, nothing may scatter.
     is_black = reference.is_known and not reference.mean[mask].any()
-    if dof < MIN_TERMS and abs(bias) > bound and not is_black:
-        raise StatisticsError(
-            f"too few samples: only {dof:.1f} degrees of freedom tell the noise, {MIN_TERMS} needed"
-        )
-    return _bias_test(bias, math.sqrt(total), max(dof, 1.0), bound, confidence)
+    if random and total == 0 and abs(bias) > bound and not is_black:
+        raise StatisticsError("too few samples: none differs, so nothing tells the noise")
+    return _bias_test(bias, math.sqrt(total), dof, bound, confidence)
 
 
 def bias_test_from_scatter(
@@ -168,7 +166,7 @@ def bias_test_from_scatter(
     se^2 = sum_t (sum of (difference - mean) in t)^2 / n^2 * T / (T - 1). Noise may be correlated
     within a tile. A bias that varies over the region counts as noise too, so the interval is
     wide rather than wrong. T = (sum n_t)^2 / sum n_t^2 is the effective number of tiles;
-    raises StatisticsError for less than MIN_TERMS.
+    raises StatisticsError for less than MIN_TILES.
     """
     n = _count(mask)
     difference = image.mean - reference.mean
@@ -178,10 +176,10 @@ def bias_test_from_scatter(
     sizes = np.bincount(label)
     sums = np.bincount(label, weights=difference[mask] - bias)
     tiles = n**2 / float((sizes.astype(float) ** 2).sum())
-    if tiles < MIN_TERMS:
+    if tiles < MIN_TILES:
         raise StatisticsError(
             f"{n} pixels without a variance make {tiles:.1f} tiles of {tile} x {tile}, and "
-            f"{MIN_TERMS} are needed: noise cannot be told from bias"
+            f"{MIN_TILES} are needed: noise cannot be told from bias"
         )
     variance = float((sums**2).sum()) / n**2 * tiles / (tiles - 1)
     bound = _mean_bound(image, reference, mask)

@@ -258,15 +258,18 @@ def name_of(data: Data, text: str) -> str:
 
 def _command(data: Data, file: str) -> str:
     """What remakes an image, with the samples, seed and size of its header."""
-    item = next(i for i in IMAGES if i.file == file)
-    image = data.images[file]
-    if _is_cycles(image):
-        return item.command
-    a, scene = image.attributes, data.scenes[item.scene]
+    scene_name = next(i.scene for i in IMAGES if i.file == file)
+    image, scene = data.images[file], data.scenes[scene_name]
+    a = image.attributes
     size = ""
     if image.shape != (scene.height, scene.width):
         size = f" --width {image.shape[1]} --height {image.shape[0]}"
+    if _is_cycles(image):
+        return (
+            f"penumbra reference scenes/{scene_name}.json --samples {a['lightSamples']} "
+            f"--parts {a['parts']} --seed {a['seed']}{size} -o build/{file}"
+        )
     return (
-        f"build/bin/penumbra-render scenes/{item.scene}.json --light-samples {a['lightSamples']} "
+        f"build/bin/penumbra-render scenes/{scene_name}.json --light-samples {a['lightSamples']} "
         f"--pixel-samples {a['pixelSamples']} --seed {a['seed']}{size} -o build/{file}"
     )

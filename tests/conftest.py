@@ -38,7 +38,7 @@ def scenes() -> Path:
 def render(renderer: Path, tmp_path: Path) -> Callable[..., Image]:
     """render(scene_file, light_samples=16, ...) runs the C program and reads its image."""
 
-    def run(scene: Path, **options: int | str) -> Image:
+    def run(scene: Path, **options: int | float | str) -> Image:
         out = tmp_path / "render.exr"
         command = [str(renderer), str(scene), "-o", str(out)]
         for name, value in options.items():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import doctest
 import math
 
 import numpy as np
 import pytest
 
+from compare import metrics
 from compare.metrics import (
     MAPS,
     NUMBERS,
@@ -186,3 +188,8 @@ def test_delta_e_reads_half_as_srgb_and_not_as_linear() -> None:
     1 + 0.015 * 23.31^2 / sqrt(20 + 23.31^2) = 1.3431, hence 39.75.
     """
     assert delta_e_2000(GREY, BLACK) == pytest.approx(np.full((12, 16), 39.75), abs=0.02)
+
+
+def test_the_examples_in_the_docstrings_hold() -> None:
+    tried = doctest.testmod(metrics)
+    assert tried.attempted > 0 and tried.failed == 0

@@ -27,7 +27,7 @@ from compare.image import Image, read_image, write_exr
 from compare.scene import read_scene
 from report import figures
 from report.build import build
-from report.inputs import IMAGES, INPUTS, SCENES, ReportError, image_file
+from report.inputs import IMAGES, INPUTS, LIGHT_SAMPLES, SCENES, ReportError, image_file
 
 WIDTH, HEIGHT = 48, 32
 HALF = 2.0**-11
@@ -319,6 +319,9 @@ def test_page_states_the_numbers_of_its_inputs(page: Page, inputs: Path) -> None
     assert f"{100 * row['relative_bias']:+.4f} [{low:+.4f}, {high:+.4f}]" in text
     for command in (convergence["command"], agreement["command"]):
         assert command.split()[1] in text
+    figure_4 = [image_file("tp3_statement", n) for n in LIGHT_SAMPLES]
+    for item in [i for i in IMAGES if i.file in figure_4]:
+        assert item.command in text
     speedup = json.loads((inputs / "speedup.json").read_text())
     assert f"{speedup['rows'][-1]['speedup']:#.3g}" in text
 

@@ -7,6 +7,7 @@ false alarms are held to the 99.9% binomial interval of what they should be.
 
 from __future__ import annotations
 
+import doctest
 import math
 from collections.abc import Callable
 
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from compare import statistics
 from compare.image import Image
 from compare.statistics import (
     BiasTest,
@@ -453,3 +455,8 @@ def test_betainc_is_the_binomial_tail_that_range_test_takes_it_for() -> None:
     """P(k or more of n) = I_p(k, n - k + 1): the identity that the code relies on."""
     k = np.arange(1, 21)
     assert special.betainc(k, 20 - k + 1, 0.3) == pytest.approx(stats.binom.sf(k - 1, 20, 0.3))
+
+
+def test_the_examples_in_the_docstrings_hold() -> None:
+    tried = doctest.testmod(statistics)
+    assert tried.attempted > 0 and tried.failed == 0

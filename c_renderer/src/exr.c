@@ -11,9 +11,11 @@
 /* Alphabetical, as the format wants them: channel i is plane 2 - i % 3 of its buffer below. */
 static const char *const CHANNELS[6] = {"B", "G", "R", "variance.B", "variance.G", "variance.R"};
 
-static exr_result_t write_header(exr_context_t exr, const Scene *scene,
-                                 const RenderSettings *settings, double seconds, int nb_channels)
+static exr_result_t write_header(exr_context_t exr, const ExrImage *image)
 {
+    const Scene *scene = image->scene;
+    const RenderSettings *settings = image->settings;
+    const int nb_channels = image->variance ? 6 : 3;
     char seed[24];
     snprintf(seed, sizeof seed, "%" PRIu64, settings->seed);
     int part;
@@ -42,16 +44,26 @@ static exr_result_t write_header(exr_context_t exr, const Scene *scene,
     if (!result)
         result = exr_attr_set_int(exr, part, "threads", settings->threads);
     if (!result)
-        result = exr_attr_set_float(exr, part, "renderSeconds", (float)seconds);
+        result = exr_attr_set_float(exr, part, "renderSeconds", (float)image->seconds);
+    if (!result && image->spent) {
+        double pixels = (double)settings->width * settings->height;
+        result = exr_attr_set_float(exr, part, "targetError", (float)image->target_error);
+        if (!result)
+            result = exr_attr_set_float(exr, part, "meanLightSamples",
+                                        (float)(image->spent->light_samples / pixels));
+        if (!result)
+            result = exr_attr_set_float(exr, part, "pixelsAboveTarget",
+                                        (float)image->spent->pixels_above);
+    }
     if (!result)
         result = exr_attr_set_string(exr, part, "software", "penumbra-render " PENUMBRA_VERSION);
     return result ? result : exr_write_header(exr);
 }
 
 /* One chunk of rows: OpenEXR takes the pixels from our planes as they lie there. */
-static exr_result_t write_rows(exr_context_t exr, int y, const RenderSettings *settings,
-                               const float *radiance, const float *variance)
+static exr_result_t write_rows(exr_context_t exr, int y, const ExrImage *image)
 {
+    const RenderSettings *settings = image->settings;
     const size_t width = (size_t)settings->width, plane = width * (size_t)settings->height;
     exr_chunk_info_t chunk;
     exr_encode_pipeline_t encoder = EXR_ENCODE_PIPELINE_INITIALIZER;
@@ -61,7 +73,7 @@ static exr_result_t write_rows(exr_context_t exr, int y, const RenderSettings *s
     if (result)
         return result;
     for (int c = 0; c < encoder.channel_count; c++) {
-        const float *planes = c < 3 ? radiance : variance;
+        const float *planes = c < 3 ? image->radiance : image->variance;
         const float *first = planes + (size_t)(2 - c % 3) * plane + (size_t)y * width;
         encoder.channels[c].encode_from_ptr = (const uint8_t *)first;
         encoder.channels[c].user_pixel_stride = sizeof(float);
@@ -81,8 +93,7 @@ static void be_silent(exr_const_context_t exr, exr_result_t code, const char *me
     (void)message;
 }
 
-bool exr_write(const char *file, const Scene *scene, const RenderSettings *settings, double seconds,
-               const float *radiance, const float *variance, char *message, size_t message_size)
+bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size)
 {
     char *part = malloc(strlen(file) + sizeof ".part");
     if (!part) {
@@ -98,12 +109,12 @@ bool exr_write(const char *file, const Scene *scene, const RenderSettings *setti
     exr_result_t result = exr_start_write(&exr, part, EXR_WRITE_FILE_DIRECTLY, &options);
     bool opened = !result;
     if (opened) {
-        result = write_header(exr, scene, settings, seconds, variance ? 6 : 3);
+        result = write_header(exr, image);
         int rows = 1;
         if (!result)
             result = exr_get_scanlines_per_chunk(exr, 0, &rows);
-        for (int y = 0; y < settings->height && !result; y += rows)
-            result = write_rows(exr, y, settings, radiance, variance);
+        for (int y = 0; y < image->settings->height && !result; y += rows)
+            result = write_rows(exr, y, image);
         exr_result_t closed = exr_finish(&exr);
         result = result ? result : closed;
     }

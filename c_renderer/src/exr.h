@@ -7,10 +7,20 @@
 
 #include "render.h"
 
+/* An image and how it came to be. */
+typedef struct {
+    const Scene *scene;
+    const RenderSettings *settings;
+    double seconds;           /* of rendering */
+    double target_error;      /* 0: none was set */
+    const RenderSpent *spent; /* with a target */
+    const float *radiance;    /* three planes, as render.h says */
+    const float *variance;    /* likewise, or NULL */
+} ExrImage;
+
 /* Writes 32-bit float scanlines: R, G, B and, unless variance is NULL, variance.R .G .B, with
  * scene, settings, sampler, time and version as header attributes. The file appears under its
  * name only when it is whole. False: nothing was left behind, and message says why. */
-bool exr_write(const char *file, const Scene *scene, const RenderSettings *settings, double seconds,
-               const float *radiance, const float *variance, char *message, size_t message_size);
+bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size);
 
 #endif

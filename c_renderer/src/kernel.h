@@ -3,7 +3,7 @@
 #ifndef PENUMBRA_KERNEL_H
 #define PENUMBRA_KERNEL_H
 
-#include "packet.h"
+#include "light_packet.h"
 #include "sampling.h"
 
 typedef struct {
@@ -15,5 +15,14 @@ typedef struct {
  * first.pixel + i. The variance holds for SAMPLER_INDEPENDENT alone, and is 0 else. */
 void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
                             RngStream first, EstimatePacket *result);
+
+/* The pieces. Sums of (n . w) / |w|^4 and of their squares over the visible samples of one light,
+ * added to sum and sum_of_squares; times light->scale they are light samples with f_r L_e = 1. */
+void kernel_sum(const LightPacket *light, const PointSet *points, RngStream first,
+                uint32_t dimension, double sum[LANES], double sum_of_squares[LANES]);
+
+/* One light by estimator.c, lane by lane, added to result: what SEEN_STRANGE needs. */
+void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
+                     RngStream first, EstimatePacket *result);
 
 #endif

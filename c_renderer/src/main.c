@@ -33,6 +33,9 @@ static const char HELP[] =
     "  --estimator NAME       area: sixteen pixels at a time; textbook: the same estimate one\n"
     "                         pixel at a time, as it is taught; solid-angle: points spread\n"
     "                         evenly over the directions to the light, not its area [area]\n"
+    "  --target-error E       as many shadow rays as it takes, 16 pixels at a time, until the\n"
+    "                         relative error of a pixel is below E (0.01 is 1%) at 95%; then\n"
+    "                         --light-samples is the most a light may take [16384]\n"
     "  --seed S               0 to 18446744073709551615; another seed, independent noise [0]\n"
     "  --threads T            1 to 1024; changes the time, not one bit of the image [all]\n"
     "  --width W, --height H  image size, 1 to 16384 [the scene's]\n"
@@ -45,6 +48,7 @@ static const char HELP[] =
 typedef struct {
     const char *scene_file, *output;
     RenderSettings settings; /* width and height 0: the scene's */
+    double target_error;     /* 0: none */
     bool print_scene;
 } Options;
 
@@ -72,6 +76,18 @@ static uint64_t parse_number(const char *option, const char *text, uint64_t low,
     return value;
 }
 
+static double parse_fraction(const char *option, const char *text)
+{
+    char *end;
+    double value = strtod(text, &end);
+    if (end == text || *end || !(value >= 1e-4 && value <= 1)) {
+        fprintf(stderr, "penumbra-render: --%s: \"%s\" is not a number from 0.0001 to 1\n", option,
+                text);
+        exit(EXIT_BAD_INPUT);
+    }
+    return value;
+}
+
 static int parse_name(const char *option, const char *text, const char *const *names, int count)
 {
     for (int i = 0; i < count; i++)
@@ -91,6 +107,7 @@ static Options parse_options(int argc, char **argv)
         PIXEL,
         SAMPLER,
         ESTIMATOR,
+        TARGET,
         SEED,
         THREADS,
         WIDTH,
@@ -104,6 +121,7 @@ static Options parse_options(int argc, char **argv)
                                          {"pixel-samples", required_argument, NULL, PIXEL},
                                          {"sampler", required_argument, NULL, SAMPLER},
                                          {"estimator", required_argument, NULL, ESTIMATOR},
+                                         {"target-error", required_argument, NULL, TARGET},
                                          {"seed", required_argument, NULL, SEED},
                                          {"threads", required_argument, NULL, THREADS},
                                          {"width", required_argument, NULL, WIDTH},
@@ -112,7 +130,7 @@ static Options parse_options(int argc, char **argv)
                                          {"version", no_argument, NULL, VERSION},
                                          {"help", no_argument, NULL, HELP_OPTION},
                                          {NULL, 0, NULL, 0}};
-    Options options = {.settings = {.nb_light_samples = 64,
+    Options options = {.settings = {.nb_light_samples = 0,
                                     .samples_per_pixel = 1,
                                     .threads = omp_get_max_threads()}};
     RenderSettings *settings = &options.settings;
@@ -134,6 +152,9 @@ static Options parse_options(int argc, char **argv)
         case ESTIMATOR:
             settings->estimator =
                 (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES, 3);
+            break;
+        case TARGET:
+            options.target_error = parse_fraction("target-error", optarg);
             break;
         case SEED:
             settings->seed = parse_number("seed", optarg, 0, UINT64_MAX);
@@ -165,6 +186,12 @@ static Options parse_options(int argc, char **argv)
         fail("%s%s; try --help", optind < argc ? "more than one scene file: " : "no scene file",
              optind < argc ? argv[optind + 1] : "");
     options.scene_file = argv[optind];
+    if (options.target_error > 0 &&
+        (settings->sampler != SAMPLER_INDEPENDENT || settings->estimator != ESTIMATOR_AREA ||
+         settings->samples_per_pixel != 1))
+        fail("%s%s", "--target-error chooses sampler, estimator and pixel samples itself", "");
+    if (!settings->nb_light_samples)
+        settings->nb_light_samples = options.target_error > 0 ? 16384 : 64;
     if (!options.output && !options.print_scene)
         fail("%s%s", "no output file: add -o OUT.exr", "");
     return options;
@@ -176,6 +203,17 @@ static void show_progress(int rows_done, int rows, void *start)
     if (omp_get_wtime() - *(const double *)start < 1)
         return;
     fprintf(stderr, "\rrendering %3d%%", (int)(100LL * rows_done / rows));
+}
+
+static void report_spent(const RenderSettings *settings, double target_error,
+                         const RenderSpent *spent)
+{
+    double pixels = (double)settings->width * settings->height;
+    printf(
+        "%.1f light samples a pixel; the stated error is below %g%% in %.2f%% of the pixels, above "
+        "it in %.0f that took up to %d\n",
+        spent->light_samples / pixels, 100 * target_error, 100 * (1 - spent->pixels_above / pixels),
+        spent->pixels_above, settings->nb_light_samples);
 }
 
 int main(int argc, char **argv)
@@ -207,17 +245,30 @@ int main(int argc, char **argv)
     if (!radiance || !variance)
         fail("%s%s", "not enough memory for an image of this size", "");
 
-    bool terminal = isatty(STDERR_FILENO);
+    RenderProgress *progress = isatty(STDERR_FILENO) ? show_progress : NULL;
+    RenderSpent spent;
     double start = omp_get_wtime();
-    if (!render(&scene, settings, radiance, variance, terminal ? show_progress : NULL, &start))
+    if (options.target_error > 0)
+        spent = render_to_target(&scene, settings, options.target_error, radiance, variance,
+                                 progress, &start);
+    else if (!render(&scene, settings, radiance, variance, progress, &start))
         fail("%s%s", "not enough memory for so many light samples", "");
     double seconds = omp_get_wtime() - start;
-    if (terminal && seconds > 1)
+    if (progress && seconds > 1)
         fprintf(stderr, "\rrendered in %.1f s\n", seconds);
 
-    bool knows_variance = render_knows_variance(&scene, settings);
-    bool written = exr_write(options.output, &scene, settings, seconds, radiance,
-                             knows_variance ? variance : NULL, message, sizeof message);
+    bool targeted = options.target_error > 0;
+    ExrImage image = {.scene = &scene,
+                      .settings = settings,
+                      .seconds = seconds,
+                      .target_error = options.target_error,
+                      .spent = targeted ? &spent : NULL,
+                      .radiance = radiance};
+    if (targeted || render_knows_variance(&scene, settings))
+        image.variance = variance;
+    bool written = exr_write(options.output, &image, message, sizeof message);
+    if (written && targeted)
+        report_spent(settings, options.target_error, &spent);
     free(radiance);
     free(variance);
     scene_free(&scene);

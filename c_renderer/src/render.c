@@ -3,8 +3,8 @@
 #include <omp.h>
 #include <string.h>
 
+#include "adaptive.h"
 #include "estimator.h"
-#include "kernel.h"
 
 const char *const RENDER_SAMPLER_NAMES[3] = {"independent", "jittered", "sobol"};
 const char *const RENDER_ESTIMATOR_NAMES[3] = {"area", "textbook", "solid-angle"};
@@ -14,6 +14,7 @@ typedef struct {
     const Scene *scene;
     const RenderSettings *settings;
     const PointSet *points;
+    const Target *target;       /* NULL: as many samples as there are points */
     float *radiance, *variance; /* three planes each */
 } Job;
 
@@ -76,12 +77,15 @@ static void render_row(const Job *job, int y)
 /* ---- the same, sixteen pixels at a time ---- */
 
 static void packet_radiance(const Job *job, const real x[LANES], const real y[LANES],
-                            RngStream first, EstimatePacket *result)
+                            RngStream first, EstimatePacket *result, AdaptivePacket *spent)
 {
     const Rgb background = job->scene->background;
     HitPacket hits;
     packet_hit(job->scene, x, y, job->settings->width, job->settings->height, &hits);
-    kernel_direct_lighting(job->scene, &hits, job->points, first, result);
+    if (job->target)
+        adaptive_direct_lighting(job->scene, &hits, job->target, first, result, spent);
+    else
+        kernel_direct_lighting(job->scene, &hits, job->points, first, result);
     if (hits.nb_hits == LANES)
         return;
     SIMD for (int i = 0; i < LANES; i++)
@@ -117,7 +121,8 @@ static void channel_estimate(const double sum[LANES], const double sum_of_square
     }
 }
 
-static void packet_pixels(const Job *job, int x0, int y0, EstimatePacket *result)
+static void packet_pixels(const Job *job, int x0, int y0, EstimatePacket *result,
+                          AdaptivePacket *spent)
 {
     RngStream first = pixel_stream(job, x0, y0);
     real x[LANES], y[LANES];
@@ -126,7 +131,7 @@ static void packet_pixels(const Job *job, int x0, int y0, EstimatePacket *result
             x[i] = (real)(x0 + i) + 0.5f;
             y[i] = (real)y0 + 0.5f;
         }
-        packet_radiance(job, x, y, first, result);
+        packet_radiance(job, x, y, first, result, spent);
         return;
     }
 
@@ -140,7 +145,7 @@ static void packet_pixels(const Job *job, int x0, int y0, EstimatePacket *result
             x[i] = (real)(x0 + i) + rng_to_uniform(place.word[0]);
             y[i] = (real)y0 + rng_to_uniform(place.word[1]);
         }
-        packet_radiance(job, x, y, first, result);
+        packet_radiance(job, x, y, first, result, spent);
         channel_moments(result->radiance.r, sum[0], sum_of_squares[0]);
         channel_moments(result->radiance.g, sum[1], sum_of_squares[1]);
         channel_moments(result->radiance.b, sum[2], sum_of_squares[2]);
@@ -157,13 +162,15 @@ static void store_lanes(float *plane, size_t pixel, int count, const real value[
         plane[pixel + (size_t)i] = (float)value[i];
 }
 
-static void render_row_in_packets(const Job *job, int y)
+static RenderSpent render_row_in_packets(const Job *job, int y)
 {
+    RenderSpent row = {0, 0};
     const int width = job->settings->width;
     const size_t plane = plane_size(job->settings);
     for (int x = 0; x < width; x += LANES) {
         EstimatePacket packet;
-        packet_pixels(job, x, y, &packet);
+        AdaptivePacket spent;
+        packet_pixels(job, x, y, &packet, &spent);
         size_t pixel = (size_t)y * (size_t)width + (size_t)x;
         int count = width - x < LANES ? width - x : LANES;
         store_lanes(job->radiance, pixel, count, packet.radiance.r);
@@ -172,10 +179,48 @@ static void render_row_in_packets(const Job *job, int y)
         store_lanes(job->variance, pixel, count, packet.variance.r);
         store_lanes(job->variance + plane, pixel, count, packet.variance.g);
         store_lanes(job->variance + 2 * plane, pixel, count, packet.variance.b);
+        for (int i = 0; i < count && job->target; i++) {
+            row.light_samples += spent.light_samples[i];
+            row.pixels_above += !spent.reached[i];
+        }
     }
+    return row;
 }
 
 /* ---- all rows, on all threads ---- */
+
+static RenderSpent render_one_row(const Job *job, int y)
+{
+    switch (job->settings->estimator) {
+    case ESTIMATOR_TEXTBOOK:
+    case ESTIMATOR_SOLID_ANGLE:
+        render_row(job, y);
+        return (RenderSpent){0, 0};
+    case ESTIMATOR_AREA:
+        break;
+    }
+    return render_row_in_packets(job, y);
+}
+
+static RenderSpent render_rows(const Job *job, RenderProgress *progress, void *user)
+{
+    const int height = job->settings->height;
+    double light_samples = 0, pixels_above = 0; /* whole numbers: any order gives one sum */
+    int rows_done = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(job->settings->threads)                  \
+    reduction(+ : light_samples, pixels_above)
+    for (int y = 0; y < height; y++) {
+        RenderSpent row = render_one_row(job, y);
+        light_samples += row.light_samples;
+        pixels_above += row.pixels_above;
+        int done;
+#pragma omp atomic capture
+        done = ++rows_done;
+        if (progress && omp_get_thread_num() == 0)
+            progress(done, height, user);
+    }
+    return (RenderSpent){light_samples, pixels_above};
+}
 
 bool render(const Scene *scene, const RenderSettings *settings, float *radiance, float *variance,
             RenderProgress *progress, void *user)
@@ -183,27 +228,19 @@ bool render(const Scene *scene, const RenderSettings *settings, float *radiance,
     PointSet points;
     if (!point_set_create(&points, settings->sampler, settings->nb_light_samples, settings->seed))
         return false;
-    const Job job = {scene, settings, &points, radiance, variance};
-    int rows_done = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(settings->threads)
-    for (int y = 0; y < settings->height; y++) {
-        switch (settings->estimator) {
-        case ESTIMATOR_TEXTBOOK:
-        case ESTIMATOR_SOLID_ANGLE:
-            render_row(&job, y);
-            break;
-        case ESTIMATOR_AREA:
-            render_row_in_packets(&job, y);
-            break;
-        }
-        int done;
-#pragma omp atomic capture
-        done = ++rows_done;
-        if (progress && omp_get_thread_num() == 0)
-            progress(done, settings->height, user);
-    }
+    const Job job = {scene, settings, &points, NULL, radiance, variance};
+    render_rows(&job, progress, user);
     point_set_free(&points);
     return true;
+}
+
+RenderSpent render_to_target(const Scene *scene, const RenderSettings *settings,
+                             double target_error, float *radiance, float *variance,
+                             RenderProgress *progress, void *user)
+{
+    const Target target = {target_error, settings->nb_light_samples};
+    const Job job = {scene, settings, NULL, &target, radiance, variance};
+    return render_rows(&job, progress, user);
 }
 
 bool render_knows_variance(const Scene *scene, const RenderSettings *settings)

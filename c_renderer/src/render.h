@@ -36,6 +36,19 @@ typedef void RenderProgress(int rows_done, int rows, void *user);
 bool render(const Scene *scene, const RenderSettings *settings, float *radiance, float *variance,
             RenderProgress *progress, void *user);
 
+/* What a render to a target error took. */
+typedef struct {
+    double light_samples; /* for each light, over all pixels, pilots included */
+    double pixels_above;  /* pixels whose stated error stayed above the target */
+} RenderSpent;
+
+/* render with ESTIMATOR_AREA, one ray through each pixel's centre and independent points, their
+ * number chosen for every sixteen pixels so that the relative error stays below target_error at
+ * 95%, up to settings->nb_light_samples. variance is the stated one: error^2 / 2^2. */
+RenderSpent render_to_target(const Scene *scene, const RenderSettings *settings,
+                             double target_error, float *radiance, float *variance,
+                             RenderProgress *progress, void *user);
+
 /* Whether the samples tell a variance: a single one has no scatter, and samples that avoid each
  * other scatter more than their mean does. Several pixel samples are independent in any case. */
 bool render_knows_variance(const Scene *scene, const RenderSettings *settings);
