@@ -274,7 +274,8 @@ def _trade(options: argparse.Namespace) -> int:
     for answer in result["answers"]:
         print(answer["text"])
     for trial in result["trials"]:
-        print(trial["text"])
+        if trial["verdict"] != "no choice":
+            print(trial["text"])
     print(result["verdict"])
     print(f"written: {out}.csv and {out}.json")
     return PASS

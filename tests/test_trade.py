@@ -5,21 +5,31 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import jinja2
 import numpy as np
 import pytest
+from markupsafe import Markup
+from playwright.sync_api import Page, sync_playwright
 
 import penumbra
 from compare import choice
 from compare.choice import answer, cheapest, frontier, need, trial, verdict_text
 from compare.image import Image, read_image
 from compare.library import Setting, WarmRenderer
+from compare.scene import read_scene
 from compare.trade import Study, median_interval, trade
+from report import trade as report_trade
+from report.build import TEMPLATES
+from report.inputs import ReportError
 
 WIDTH, HEIGHT = 60, 40
+HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)>'
 
 
 def _row(seconds: float, error: float, **changes: Any) -> dict[str, Any]:
@@ -366,3 +376,227 @@ def test_what_cannot_be_measured_is_said_at_once(
     assert penumbra.main(command) == penumbra.USAGE
     assert said in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+# The chart
+
+
+def _section(build_dir: Path, scenes: Path) -> dict[str, Any]:
+    data: Any = SimpleNamespace(scenes={"tp3": read_scene(scenes / "tp3.json")}, exact={})
+    return report_trade.trade(data, build_dir)
+
+
+@pytest.fixture(scope="module")
+def build_dir(
+    measured: tuple[Path, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """As the Makefile lays it out, with a hostile machine and command, and Cycles' rows made up:
+    ten times the error of Sobol points at a thousand times the time."""
+    out, result = measured
+    folder = tmp_path_factory.mktemp("build")
+    shutil.copytree(out.parent, folder / "trade")
+    cycles = [
+        row
+        | {"renderer": "cycles", "sampler": None, "estimator": None, "on_frontier": False}
+        | {"seconds": 1e3 * row["seconds"], "relative_rmse": 10 * row["relative_rmse"]}
+        for row in result["rows"]
+        if (row["sampler"], row["estimator"]) == ("sobol", "area")
+    ]
+    changed = result | {"rows": result["rows"] + cycles, "command": HOSTILE}
+    changed["machine"] = result["machine"] | {"processor": HOSTILE}
+    (folder / "trade" / "tp3.json").write_text(json.dumps(changed))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def section_file(build_dir: Path, scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The section alone in a page, with the page's macros and style."""
+    environment = jinja2.Environment(
+        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
+    )
+    macros = (TEMPLATES / "page.html.j2").read_text().partition("<!doctype")[0]
+    head = '<html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,">'
+    body = '<title>t</title><style>{{ css }}</style><main>{% include "trade.html.j2" %}</main>'
+    css = "".join((TEMPLATES / name).read_text() for name in ("page.css", "trade.css"))
+    html = environment.from_string(f"{macros}<!doctype html>{head}{body}").render(
+        _section(build_dir, scenes),
+        css=Markup(css),
+        enlarged=6,
+        trade_script=Markup((TEMPLATES / "trade.js").read_text()),
+    )
+    file = tmp_path_factory.mktemp("section") / "index.html"
+    file.write_text(html)
+    return file
+
+
+@pytest.fixture(scope="module")
+def page(section_file: Path) -> Iterator[Page]:
+    """In headless Chromium; any complaint or request fails the last test's end."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    program = next((path for path in map(shutil.which, names) if path), None)
+    if program is None:
+        pytest.fail(f"none of {', '.join(names)} is installed: run ./setup.sh")
+    complaints: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox", "--disable-gpu"]
+        )
+        tab = browser.new_page(viewport={"width": 1200, "height": 900})
+        tab.on("console", lambda message: complaints.append(message.text))
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        tab.goto(section_file.as_uri())
+        yield tab
+        browser.close()
+    assert complaints == []
+
+
+@pytest.fixture
+def chart(page: Page) -> Page:
+    page.reload()
+    page.wait_for_selector("#trade-plot svg .mark")
+    return page
+
+
+def _told(tab: Page) -> dict[str, str]:
+    """The readout."""
+    script = """() => Object.fromEntries([...document.querySelectorAll(
+        '#trade-plot [data-part="readout"] dt')].map(
+            (dt) => [dt.textContent, dt.nextElementSibling.textContent]))"""
+    return dict(tab.evaluate(script))
+
+
+def _rows(build_dir: Path, region: str) -> list[dict[str, Any]]:
+    rows = json.loads((build_dir / "trade" / "tp3.json").read_text())["rows"]
+    return [row for row in rows if row["region"] == region and row["relative_rmse"] > 0]
+
+
+def _choose(tab: Page, region: str) -> None:
+    tab.select_option('#trade-plot [data-part="region"]', region)
+
+
+@pytest.mark.parametrize("region", ["penumbra", "lit"])
+def test_chart_has_a_mark_for_every_row_of_the_region(
+    chart: Page, build_dir: Path, region: str
+) -> None:
+    _choose(chart, region)
+    rows = _rows(build_dir, region)
+    assert chart.locator("#trade-plot .mark").count() == len(rows)
+    on = sum(row["on_frontier"] for row in rows)
+    assert chart.locator("#trade-plot .on-frontier").count() == on > 0
+
+
+def test_marks_lie_where_the_logarithms_put_them(chart: Page, build_dir: Path) -> None:
+    """Positions are linear in log time and log error, so over all marks they correlate to 1
+    (time to the right) and -1 (a smaller error is lower, and y grows downwards)."""
+    places = chart.evaluate(
+        """() => [...document.querySelectorAll("#trade-plot .mark")].map((mark) => {
+            const { e, f } = mark.transform.baseVal.consolidate().matrix;
+            return [e, f];
+        })"""
+    )
+    rows = _rows(build_dir, "penumbra")
+    values = sorted((math.log(r["seconds"]), math.log(r["relative_rmse"])) for r in rows)
+    x, y = np.array(sorted(places)).T
+    assert np.corrcoef(x, [v for v, _ in values])[0, 1] == pytest.approx(1, abs=1e-9)
+    by_error = sorted(v for _, v in values)
+    assert np.corrcoef(sorted(y, reverse=True), by_error)[0, 1] == pytest.approx(-1, abs=1e-9)
+
+
+def test_frontier_can_be_walked_with_the_keyboard(chart: Page, build_dir: Path) -> None:
+    """F, from the fastest on: each is slower and nearer, and all of the frontier is met."""
+    _choose(chart, "all")
+    best = sorted((r for r in _rows(build_dir, "all") if r["on_frontier"]),
+                  key=lambda r: r["seconds"])  # fmt: skip
+    chart.focus("#trade-plot svg")
+    for row in best:
+        chart.keyboard.press("f")
+        told = _told(chart)
+        assert told["options"] == choice.options(row)
+        assert told["frontier"].startswith("yes")
+    spoken = chart.inner_text('#trade-plot [data-part="spoken"]')
+    assert choice.percent(best[-1]["relative_rmse"]) in spoken
+
+
+def test_arrows_walk_along_a_method_and_to_others(chart: Page, build_dir: Path) -> None:
+    """Right: the next larger N of the same method. Down: another method; as often as there are
+    methods, back at the first."""
+    chart.focus("#trade-plot svg")
+    chart.keyboard.press("f")
+    chart.keyboard.press("Home")
+    first = _told(chart)
+    chart.keyboard.press("ArrowRight")
+    second = _told(chart)
+    assert (first["N"], second["N"]) == ("4", "16")
+    assert first["method"] == second["method"]
+    rows = _rows(build_dir, "penumbra")
+    methods = {(r["renderer"], r["sampler"], r["estimator"]) for r in rows}
+    met = []
+    for _ in methods:
+        chart.keyboard.press("ArrowDown")
+        met.append(_told(chart)["method"])
+    assert len(set(met)) == len(methods)
+    assert met[-1] == first["method"]
+
+
+def test_pointing_at_a_mark_tells_its_row(chart: Page, build_dir: Path) -> None:
+    """The slowest mark is one of Cycles', alone at the right."""
+    chart.locator("#trade-plot svg").first.scroll_into_view_if_needed()
+    marks = chart.locator("#trade-plot .mark").all()
+    boxes = [box for box in (mark.bounding_box() for mark in marks) if box]
+    far = max(boxes, key=lambda box: box["x"])
+    chart.mouse.move(far["x"] + far["width"] / 2, far["y"] + far["height"] / 2)
+    told = _told(chart)
+    slowest = max(_rows(build_dir, "penumbra"), key=lambda r: r["seconds"])
+    assert told["method"] == "Cycles"
+    assert told["N"] == str(slowest["light_samples"])
+    assert told["time"].startswith(choice.duration(slowest["seconds"]))
+
+
+def test_a_method_can_be_hidden(chart: Page, build_dir: Path) -> None:
+    rows = _rows(build_dir, "penumbra")
+    chart.get_by_label("sobol, area").uncheck()
+    left = [r for r in rows if (r["sampler"], r["estimator"]) != ("sobol", "area")]
+    assert chart.locator("#trade-plot .mark").count() == len(left)
+
+
+def test_the_section_states_answers_trials_and_slopes(
+    page: Page, measured: tuple[Path, dict[str, Any]]
+) -> None:
+    text = page.evaluate("document.body.textContent")
+    result = measured[1]
+    for answered in result["answers"]:
+        assert choice.options(answered["choice"]) in text
+    for tried in result["trials"]:
+        assert f"{choice.percent(tried['target'])} {choice.place(tried['region'])}" in text
+    assert result["verdict"] in text
+    slope = next(s for s in result["slopes"] if s["region"] == "penumbra" and s["slope"])
+    assert f"{slope['slope']:.3f}".replace("-", "−") in text
+    shown = [strip for strip in result["strips"].values() if strip]
+    pictures = sum(len(strip) + 1 for strip in shown)  # and the exact one beside each strip
+    assert page.locator("#figure-11 img").count() == pictures
+
+
+def test_hostile_words_are_shown_and_not_run(page: Page) -> None:
+    assert page.title() == "t"
+    assert page.locator('img[src="x"]').count() == 0
+    assert page.evaluate("document.body.textContent").count(HOSTILE) >= 2
+
+
+@pytest.mark.parametrize("width", [390, 1200])
+def test_the_section_fits_the_window(page: Page, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.set_viewport_size({"width": 1200, "height": 900})
+
+
+def test_the_page_does_without_a_trade(tmp_path: Path, scenes: Path) -> None:
+    assert _section(tmp_path, scenes) == {"trade": None}
+
+
+def test_a_trade_of_another_scene_is_refused(build_dir: Path, scenes: Path, tmp_path: Path) -> None:
+    shutil.copytree(build_dir / "trade", tmp_path / "trade")
+    file = tmp_path / "trade" / "tp3.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"scene_hash": "0"}))
+    with pytest.raises(ReportError, match=r"shows another scene.*penumbra trade"):
+        _section(tmp_path, scenes)
