@@ -150,6 +150,16 @@ build/convergence/tp3.csv build/convergence/tp3.json &: scenes/tp3.json $(RENDER
 build/speedup.csv build/speedup.json &: scenes/tp3.json $(RENDER) $(COMPARE)
 	$(PENUMBRA) speedup $< -o build/speedup.csv
 
+# What each millisecond buys. Without Cycles (exit status 3): the C renderer alone.
+TRADE = $(PENUMBRA) trade $< -o build/trade/$* --keep-images \
+    --verify $(filter-out $<,$(wildcard scenes/small_light.json scenes/three_spheres.json))
+build/trade/%.json: scenes/%.json $(RENDER) build/lib/libpenumbra.so $(COMPARE)
+	$(TRADE) --cycles || { [ $$? -eq 3 ] && $(TRADE); }
+
+## trade : error against time for every method, and which to use: build/trade/tp3.json
+.PHONY: trade
+trade: build/trade/tp3.json
+
 IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
           $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
@@ -159,7 +169,7 @@ PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
-    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
+    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv build/trade/tp3.json \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
