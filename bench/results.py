@@ -18,7 +18,7 @@ FAST = "area sobol"
 """The estimator that samples everywhere, with its best points: the one compared at equal N."""
 TEXTBOOK = "textbook independent"
 """The lab's loop in scalar C, kept as it is taught: Penumbra's own --estimator textbook."""
-OTHERS = ("Cycles", "Mitsuba llvm", "Mitsuba scalar")
+OTHERS = ("Cycles", "Embree", "Mitsuba llvm", "Mitsuba scalar")
 LANES = 16
 """Pixels side by side in the kernel; all of them compute, whether they see the light or not."""
 

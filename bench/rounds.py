@@ -25,6 +25,7 @@ from bench.systems import (
     STEADY,
     Absent,
     CyclesSystem,
+    EmbreeSystem,
     Frame,
     Loop,
     MitsubaSystem,
@@ -72,6 +73,7 @@ class Plan:
     sizes: tuple[tuple[int, int], ...] = SIZES
     targets: tuple[float, ...] = TARGETS
     cycles: bool = True
+    embree: bool = True
     mitsuba_python: str | None = sys.executable
     """the interpreter that may have Mitsuba; None: leave it out"""
 
@@ -132,7 +134,7 @@ def use_cores(count: int) -> None:
 
 
 def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dict[str, str]]:
-    absent = {"Embree": "not measured here: there is no program for it in this repository"}
+    absent: dict[str, str] = {}
     loop = Loop(plan.scene_file)
     stack.callback(loop.close)
     systems: list[System] = list(loop.systems())
@@ -156,6 +158,7 @@ def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dic
             MitsubaSystem, plan.scene_file, *size, plan.threads, variant, plan.mitsuba_python or ""
         )
         start(mitsuba_name(variant), make, plan.mitsuba_python is not None)
+    start("Embree", partial(EmbreeSystem, plan.scene_file), plan.embree)
     return systems, absent
 
 
