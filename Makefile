@@ -182,13 +182,23 @@ build/bin/fma-peak: bench/fma_peak.c Makefile | build/setup.run
 	gcc $(C_FLAGS) -O3 -march=native -ffp-contract=fast $< -o $@
 
 # Of the same objects as the program, since the linker optimises: what is timed is what is run.
-build/bin/penumbra-loop: bench/loop.c $(patsubst %,build/obj/%.o,$(filter-out main,$(C_NAMES)))
-	@mkdir -p $(@D)
-	gcc $(C_FLAGS) -O3 -march=native -flto=auto -Ic_renderer/src $^ $(LIB_LDFLAGS) -o $@
+LOOP_OBJECTS := $(patsubst %,build/obj/%.o,$(filter-out main,$(C_NAMES)))
+LOOP = gcc $(C_FLAGS) -O3 -march=native -flto=auto -Ic_renderer/src $(filter %.c %.o,$^)
 
-## bench : speed beside Cycles, Mitsuba and a textbook loop: build/bench/, docs/performance.md
+build/bin/penumbra-loop: bench/loop.c $(LOOP_OBJECTS)
+	@mkdir -p $(@D)
+	$(LOOP) $(LIB_LDFLAGS) -o $@
+
+# Optional: embree3 or embree4, if Debian's libembree-dev is installed.
+EMBREE := $(lastword $(sort $(notdir $(patsubst %/rtcore.h,%,$(wildcard /usr/include/embree*/rtcore.h)))))
+
+build/bin/embree-loop: bench/loop.c bench/embree.c bench/embree.h $(LOOP_OBJECTS)
+	@mkdir -p $(@D)
+	$(LOOP) -DWITH_EMBREE $(LIB_LDFLAGS) -l$(EMBREE) -o $@
+
+## bench : speed beside Cycles, Mitsuba, Embree and a textbook loop: build/bench/, docs/performance.md
 .PHONY: bench
-bench: build $(BENCH_PROGRAMS)
+bench: build $(BENCH_PROGRAMS) $(if $(EMBREE),build/bin/embree-loop)
 	.venv/bin/python -P -m bench scenes/tp3.json -o build/bench --page docs/performance.md
 
 ## bench-extras : install Mitsuba in .venv for the benchmark, which does without it too
@@ -212,14 +222,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch]
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.c
+	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch]
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

@@ -88,11 +88,11 @@ def _plan(options: argparse.Namespace, width: int, height: int) -> Plan:
         "height": options.height or height,
         "threads": min(options.threads, provenance.cores()),
         "cycles": "cycles" not in options.without,
+        "embree": "embree" not in options.without,
     }
     if "mitsuba" in options.without:
         chosen["mitsuba_python"] = None
-    plan = Plan(**chosen)
-    return plan
+    return Plan(**chosen)
 
 
 def _versions(measured: Measured) -> dict[str, str]:
@@ -128,7 +128,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--fitted", type=_counts, help="N for error against time [4,...,4096]")
     parser.add_argument("--sizes", type=_sizes, help="image sizes, as 150x100,300x200,...")
     parser.add_argument(
-        "--without", action="append", choices=("cycles", "mitsuba"), default=[], help="leave out"
+        "--without",
+        action="append",
+        choices=("cycles", "embree", "mitsuba"),
+        default=[],
+        help="leave out",
     )
     parser.add_argument(
         "--mitsuba-python", metavar="PYTHON", help="the interpreter that has Mitsuba [this one]"

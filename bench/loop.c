@@ -3,7 +3,7 @@
  *
  * usage: penumbra-loop SCENE.json
  *
- * First it prints the names that it knows, as JSON: {"samplers", "estimators"}. Then each line
+ * First it prints the names that it knows, as JSON: {"version", "samplers", "estimators"}. Then each line
  *     ESTIMATOR SAMPLER WIDTH HEIGHT LIGHT_SAMPLES SEED THREADS FRAMES OUT
  * of standard input is answered by a line {"seconds": [...]}, one number a frame. OUT is a file
  * for the last frame's radiance, three planes of floats, or - for none. Exit status: 0 at the end
@@ -17,6 +17,16 @@
 
 #include "render.h"
 #include "scene_json.h"
+
+/* What is timed. */
+#ifdef WITH_EMBREE
+#include "embree.h"
+#define RENDER embree_render
+#define RENDERER EMBREE_VERSION
+#else
+#define RENDER render
+#define RENDERER PENUMBRA_VERSION
+#endif
 
 #define COUNT(ARRAY) ((int)(sizeof(ARRAY) / sizeof *(ARRAY)))
 
@@ -91,7 +101,7 @@ static void answer(const Scene *scene, const Request *request)
     printf("{\"seconds\": [");
     for (int frame = 0; frame < request->frames; frame++) {
         double start = omp_get_wtime();
-        if (!render(scene, &request->settings, radiance, variance, NULL, NULL))
+        if (!RENDER(scene, &request->settings, radiance, variance, NULL, NULL))
             fail("not enough memory");
         printf("%s%.9f", frame ? ", " : "", omp_get_wtime() - start);
     }
@@ -111,7 +121,7 @@ int main(int argc, char **argv)
         fail("usage: penumbra-loop SCENE.json");
     if (!scene_read(argv[1], &scene, NULL, message, sizeof message))
         fail(message);
-    printf("{");
+    printf("{\"version\": \"%s\", ", RENDERER);
     print_names("samplers", RENDER_SAMPLER_NAMES, COUNT(RENDER_SAMPLER_NAMES), ", ");
     print_names("estimators", RENDER_ESTIMATOR_NAMES, COUNT(RENDER_ESTIMATOR_NAMES), "}\n");
     fflush(stdout);

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from bench.law import Law, Row, medians, seconds_of
-from bench.rounds import EMPTY_PROCESS, WHOLE_PROCESS, Measured, Plan
+from bench.rounds import EMPTY_PROCESS, WHOLE_PROCESS, TEXTBOOK, Measured, Plan
 from bench.systems import NOISELESS
 from compare.exact import LIT, PENUMBRA, ExactImage
 from compare.scene import Plane, Scene
 
 FAST = "area sobol"
 """The estimator that samples everywhere, with its best points: the one compared at equal N."""
-TEXTBOOK = "textbook independent"
-"""The lab's loop in scalar C, kept as it is taught: Penumbra's own --estimator textbook."""
-OTHERS = ("Cycles", "Mitsuba llvm", "Mitsuba scalar")
+OTHERS = ("Cycles", "Embree", "Mitsuba llvm", "Mitsuba scalar")
 LANES = 16
 """Pixels side by side in the kernel; all of them compute, whether they see the light or not."""
 

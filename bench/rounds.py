@@ -25,6 +25,7 @@ from bench.systems import (
     STEADY,
     Absent,
     CyclesSystem,
+    EmbreeSystem,
     Frame,
     Loop,
     MitsubaSystem,
@@ -39,11 +40,16 @@ from compare.provenance import ROOT
 from compare.scene import Scene, read_scene
 
 COMPARED = (16, 64, 256)
-"""Light samples at which all systems are compared, however long they take."""
+"""Light samples at which the textbook and other people's renderers are measured, however long
+they take."""
 FITTED = (4, 16, 64, 256, 1024, 4096)
-"""Light samples for error against time; those of more than FRAME_LIMIT are left out."""
-FRAME_LIMIT = 1.0
-"""Longest frame that is measured for more than the comparison [s]."""
+"""More of them, for error against time; what takes more than FRAME_LIMIT is left out."""
+FRAME_LIMIT = 2.5
+"""Longest frame of a system that need not be compared at that N [s]."""
+QUICK_LIMIT = 0.5
+"""Longest frame for sizes, one thread, and the N of a target [s]."""
+TEXTBOOK = "textbook independent"
+"""The lab's loop in scalar C, kept as it is taught: Penumbra's own --estimator textbook."""
 SIZES = ((150, 100), (300, 200), (600, 400), (1200, 800), (2400, 1600), (4800, 3200))
 SIZE_SAMPLES = 64
 TARGETS = (0.01, 0.001)
@@ -72,6 +78,7 @@ class Plan:
     sizes: tuple[tuple[int, int], ...] = SIZES
     targets: tuple[float, ...] = TARGETS
     cycles: bool = True
+    embree: bool = True
     mitsuba_python: str | None = sys.executable
     """the interpreter that may have Mitsuba; None: leave it out"""
 
@@ -132,7 +139,7 @@ def use_cores(count: int) -> None:
 
 
 def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dict[str, str]]:
-    absent = {"Embree": "not measured here: there is no program for it in this repository"}
+    absent: dict[str, str] = {}
     loop = Loop(plan.scene_file)
     stack.callback(loop.close)
     systems: list[System] = list(loop.systems())
@@ -156,6 +163,7 @@ def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dic
             MitsubaSystem, plan.scene_file, *size, plan.threads, variant, plan.mitsuba_python or ""
         )
         start(mitsuba_name(variant), make, plan.mitsuba_python is not None)
+    start("Embree", partial(EmbreeSystem, plan.scene_file), plan.embree)
     return systems, absent
 
 
@@ -240,13 +248,14 @@ def _tasks(
         for count in seconds:
             frame = Frame(plan.width, plan.height, count, plan.threads)
             tasks.append(bench.shoot("samples", system, frame, picture=True))
-            if system.flexible and count in plan.compared and plan.threads > 1:
+            quick = seconds[count] * plan.threads < QUICK_LIMIT
+            if quick and system.flexible and count in plan.compared and plan.threads > 1:
                 tasks.append(bench.shoot("samples", system, replace(frame, threads=1), False))
         if system.flexible:
             a_pixel = seconds[min(plan.compared)] / (plan.width * plan.height)
             a_pixel *= max(1, SIZE_SAMPLES / min(plan.compared))
             for size in plan.sizes:
-                if a_pixel * math.prod(size) < FRAME_LIMIT:
+                if a_pixel * math.prod(size) < QUICK_LIMIT:
                     frame = Frame(*size, SIZE_SAMPLES, plan.threads)
                     tasks.append(bench.shoot("size", system, frame, False))
     return tasks + list(_process_tasks(plan, bench, systems, stack))
@@ -258,7 +267,7 @@ def _warm_up(plan: Plan, system: System) -> dict[int, float]:
     for count in sorted({*plan.compared, *plan.fitted}):
         expected = seconds[max(seconds)] * count / max(seconds) if seconds else 0.0
         if expected > FRAME_LIMIT:
-            if count in plan.compared:
+            if count in plan.compared and (not system.flexible or system.name == TEXTBOOK):
                 seconds[count] = expected
             continue
         frame = Frame(plan.width, plan.height, count, plan.threads)
@@ -297,6 +306,6 @@ def _target_tasks(plan: Plan, bench: _Bench, systems: Sequence[System]) -> Itera
         law = Law.of(bench.frames, system.name, plan.threads)
         for target in plan.targets:
             count = law.samples_for(target)
-            if count and law.seconds_at(count) < FRAME_LIMIT and system.flexible:
+            if count and law.seconds_at(count) < QUICK_LIMIT and system.flexible:
                 frame = Frame(plan.width, plan.height, math.ceil(count), plan.threads)
                 yield bench.shoot(f"target {target:g}", system, frame, picture=True)

@@ -96,14 +96,16 @@ def program(name: str) -> Path:
 
 
 class Loop:
-    """The process of build/bin/penumbra-loop. Raises NotBuilt, SystemFailed."""
+    """The process of build/bin/penumbra-loop, or another that answers like it.
 
-    def __init__(self, scene_file: Path) -> None:
+    Raises NotBuilt, SystemFailed.
+    """
+
+    def __init__(self, scene_file: Path, name: str = "penumbra-loop") -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="penumbra-bench-")
-        self._process = _Lines(
-            "penumbra-loop", [str(program("penumbra-loop")), str(scene_file)], STEADY
-        )
+        self._process = _Lines(name, [str(program(name)), str(scene_file)], STEADY)
         names = self._process.read()
+        self.version: str = names["version"]
         self.samplers: list[str] = names["samplers"]
         self.estimators: list[str] = names["estimators"]
         self._expected: dict[tuple[str, str, Frame], float] = {}
@@ -145,7 +147,10 @@ class Penumbra:
     sampler: str
     flexible: bool = True
     box_filtered: bool = False
-    version: str = "this folder's"
+
+    @property
+    def version(self) -> str:
+        return self.loop.version
 
     @property
     def name(self) -> str:
@@ -158,6 +163,29 @@ class Penumbra:
 
 
 # ---------------------------------------------------------------- others
+
+
+class EmbreeSystem:
+    """Embree's rays with the textbook's light samples, bench/embree.c. Raises Absent."""
+
+    name = "Embree"
+    flexible = False
+    box_filtered = False
+
+    def __init__(self, scene_file: Path) -> None:
+        if read_scene(scene_file).point_lights:
+            raise Absent("the benchmark's Embree program knows quad lights only")
+        try:
+            self._loop = Loop(scene_file, "embree-loop")
+        except NotBuilt as error:
+            raise Absent("not built: it needs Debian's libembree-dev, then `make bench`") from error
+        self.version = self._loop.version
+
+    def shoot(self, frame: Frame, picture: bool) -> Shot:
+        return self._loop.shoot("textbook", "independent", frame, picture)
+
+    def close(self) -> None:
+        self._loop.close()
 
 
 class CyclesSystem:

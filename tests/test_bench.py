@@ -216,7 +216,7 @@ def test_benchmark_writes_csv_json_and_the_page(scenes: Path, tmp_path: Path) ->
     document = tmp_path / "performance.md"
     document.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
     options = f"--width {WIDTH} --height {HEIGHT} --rounds 1 --compared 4,16 --fitted 4"
-    options += " --sizes 16x8 --without cycles --without mitsuba"
+    options += " --sizes 16x8 --without cycles --without mitsuba --without embree"
     files = ["-o", str(tmp_path / "out"), "--page", str(document)]
     code = main([str(scenes / "tp3.json"), *files, *options.split()])
     assert code == 0
