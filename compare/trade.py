@@ -221,7 +221,7 @@ def _grid(bench: _Bench, threads: Sequence[int], most: float | None = None) -> l
     most = most or bench.study.max_seconds
     renderer, first = bench.renderer, min(bench.study.light_samples)
     images: list[Setting] = []
-    for estimator in renderer.estimators:
+    for estimator in filter(renderer.can, renderer.estimators):
         if not renderer.uses_samples(estimator):
             images.append(Setting(None, estimator, None, threads[-1]))
             continue
@@ -413,7 +413,8 @@ def _trials(
     grid = _grid(bench, (threads,), study.max_seconds / 2)
     chosen = {_setting(a["choice"]) for a in answers if a["choice"]}
     known = {setting for settings in grid for setting in settings}
-    grid += [[setting] for setting in sorted(chosen - known, key=str)]
+    more = (s for s in chosen - known if bench.renderer.can(s.estimator))
+    grid += [[setting] for setting in sorted(more, key=str)]
     rows = summary(bench, _frames(bench, grid))
     return [choice.trial(answer, rows, bench.scene.name) for answer in answers]
 

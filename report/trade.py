@@ -33,7 +33,12 @@ OTHER_SHAPE = "star"
 FRACTIONS = {-0.5: "−1/2", -0.75: "−3/4", -1.0: "−1", -1.5: "−3/2"}
 SLOPE_REGIONS = ("lit", "penumbra", "all")
 TITLES = {"all": "all objects"}
-VERDICTS = {"reached": ("agrees", "✓"), "missed": ("differs", "✕"), "undecided": ("undecided", "?")}
+VERDICTS = {
+    "reached": ("agrees", "✓"),
+    "missed": ("differs", "✕"),
+    "impossible": ("differs", "✕"),
+    "undecided": ("undecided", "?"),
+}
 
 
 def trade(data: Data, build_dir: Path) -> dict[str, Any]:
@@ -74,7 +79,7 @@ def _section(measured: dict[str, Any]) -> dict[str, Any]:
         "other_names": list(
             dict.fromkeys(o["name"] for a in measured["answers"] for o in a["others"])
         ),
-        "trials": [_trial(t) for t in measured["trials"] if t["result"]],
+        "trials": [_trial(t) for t in measured["trials"] if t["verdict"] in VERDICTS],
         "verdict": verdict_text(measured["trials"]) if measured["trials"] else "",
         "slopes": _slopes(measured["slopes"]),
         "command": measured["command"],
@@ -193,8 +198,8 @@ def _trial(trial: dict[str, Any]) -> dict[str, Any]:
         "verdict": trial["verdict"],
         "tone": tone,
         "sign": sign,
-        "error": error_text(result["relative_rmse"]),
-        "time": duration(result["seconds"]),
+        "error": error_text(result["relative_rmse"]) if result else "–",
+        "time": duration(result["seconds"]) if result else "–",
         "best": "–" if best is None else f"{options(best)}, {duration(best['seconds'])}",
         "needed": (trial["needed"] or {}).get("light_samples") or "–",
         "method_ratio": digits(trial["method_ratio"], 2),

@@ -52,7 +52,7 @@
     power >= 0 ? `${10 ** power} s` : power >= -3 ? `${10 ** (power + 3)} ms`
                                                   : `${10 ** (power + 6)} µs`;
   const errorText = (power) =>
-    power >= -6 ? `${+(10 ** (power + 2)).toPrecision(1)} %` : `10^${power + 2} %`;
+    power >= -6 ? `${+(10 ** (power + 2)).toPrecision(1)}%` : `10^${power + 2}%`;
 
   // ---- drawing ---------------------------------------------------------------------------
 
