@@ -267,7 +267,7 @@ def verdict_text(trials: Sequence[Mapping[str, Any]]) -> str:
     if ratios:
         text += (
             f" With N adapted to the scene the recommended method takes, in the median, "
-            f"{np.median(ratios):.2g} times as long as the best one, {max(ratios):.2g} times "
+            f"{np.median(ratios):.2f} times as long as the best one, {max(ratios):.2f} times "
             "at worst."
         )
     return text
