@@ -66,7 +66,7 @@ def check_supported(scene: Scene) -> None:
                 f'the colour of "{thing.name}" is so dark (mean under {MIN_WEIGHT:g}) '
                 "that Cycles takes it for black; make it 0, or lighter and the lights weaker"
             )
-    if 2 * len([s for s in scene.spheres if _is_cut(scene, s)]) > MAX_TRANSPARENT_SURFACES:
+    if transparent_surfaces(scene) > MAX_TRANSPARENT_SURFACES:
         raise UnsupportedScene(
             f"more than {MAX_TRANSPARENT_SURFACES // 2} spheres are cut by ray_max_distance"
         )

@@ -89,7 +89,7 @@ def _agreement_row(row: dict[str, Any], axis: float) -> dict[str, Any]:
         "interval": interval(low, high, signed_percent),
         "dark": row["relative_to"] != row["region"],
         "detectable": digits(times(100, row["detectable_relative_bias"]), 2),
-        "consistent": fixed(times(100, row["consistent_fraction"]), 2),
+        "consistent": fixed(times(100, row["consistent_fraction"])),
         "verdict": row["verdict"],
         "note": row["note"],
         "plot": _whisker(row, axis),
@@ -306,7 +306,7 @@ def speedup(data: Data) -> dict[str, Any]:
     cores = study["machine"]["cores"]
     sentence = (
         f"Here {best['threads']} threads take {digits(best['seconds'])} s where one takes "
-        f"{digits(one)} s: {digits(best['speedup'])} times faster."
+        f"{digits(one)} s: {digits(best['speedup'])} times the speed."
     )
     description = "Speed-up by threads: " + ", ".join(
         f"{row['threads']}: {row['speedup']:.3g}" for row in rows
@@ -346,16 +346,16 @@ def speedup(data: Data) -> dict[str, Any]:
 
 
 def provenance(data: Data) -> dict[str, Any]:
-    settings = data.images[reference_file("tp3")].attributes.get("settings", "")
+    cycles = data.images[reference_file("tp3")].attributes
     return {
         "files": [_file_row(data, item) for item in IMAGES],
         "machine": data.convergence["machine"].items(),
-        "versions": data.convergence["versions"].items(),
+        "versions": (data.convergence["versions"] | {"cycles": cycles["software"]}).items(),
         "scenes": [
             {"name": name, "hash": data.scenes[name].hash, "text": data.scene_texts[name].strip()}
             for name in SCENES
         ],
-        "cycles_settings": _indented(str(settings)),
+        "cycles_settings": _indented(str(cycles.get("settings", ""))),
     }
 
 
