@@ -180,7 +180,8 @@ def trial(answered: Mapping[str, Any], rows: Sequence[Row], scene: str) -> dict[
     """How a choice fitted on one scene does on another, whose rows are given.
 
     verdict: "reached" or "missed" with the error's whole interval on that side of the target,
-    else "undecided"; "no choice" if there was none. best: the cheapest row there. time_ratio:
+    else "undecided"; "no choice" if there was none; "impossible" if that scene cannot be
+    rendered so (result is None for both). best: the cheapest row there. time_ratio:
     the choice's time over the best one's, None unless reached. needed: what the chosen method
     (sampler, estimator, threads) takes there with another N; method_ratio: its time over that
     of the method for which it is smallest.
@@ -203,7 +204,10 @@ def trial(answered: Mapping[str, Any], rows: Sequence[Row], scene: str) -> dict[
     if choice is None:
         return entry | {"text": _trial_text(entry)}
     keys = (*SERIES, "light_samples")
-    result = next(r for r in here if all(r[k] == choice[k] for k in keys))
+    result = next((r for r in here if all(r[k] == choice[k] for k in keys)), None)
+    if result is None:
+        entry["verdict"] = "impossible"
+        return entry | {"text": _trial_text(entry)}
     entry["result"] = dict(result)
     if result["high"] <= target:
         entry["verdict"] = "reached"
@@ -230,8 +234,10 @@ def _trial_text(entry: Mapping[str, Any]) -> str:
         if best is None
         else f"Best there: {options(best)}, {duration(best['seconds'])}."
     )
-    if entry["result"] is None:
+    if entry["verdict"] == "no choice":
         return f"{goal}: nothing was recommended. {other}"
+    if entry["verdict"] == "impossible":
+        return f"{goal}: cannot be rendered with {entry['options']}. {other}"
     result, verdict = entry["result"], entry["verdict"]
     text = (
         f"{goal}: {verdict} with {entry['options']}: error {percent(result['relative_rmse'])} "
@@ -247,7 +253,7 @@ def _trial_text(entry: Mapping[str, Any]) -> str:
 
 def verdict_text(trials: Sequence[Mapping[str, Any]]) -> str:
     """All trials in a sentence."""
-    made = [t for t in trials if t["result"] is not None]
+    made = [t for t in trials if t["verdict"] != "no choice"]
     if not made:
         return "No recommendation was tried on another scene."
     reached = [t for t in made if t["verdict"] == "reached"]
@@ -261,7 +267,7 @@ def verdict_text(trials: Sequence[Mapping[str, Any]]) -> str:
     if ratios:
         text += (
             f" With N adapted to the scene the recommended method takes, in the median, "
-            f"{np.median(ratios):.2g} times as long as the best one, {max(ratios):.2g} times "
+            f"{np.median(ratios):.2f} times as long as the best one, {max(ratios):.2f} times "
             "at worst."
         )
     return text

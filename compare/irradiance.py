@@ -6,6 +6,7 @@ docs/exact.md derives it. Everything here is a projected solid angle [sr]: the i
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,8 @@ TOUCH = 1e-12
 which rounding decides: a light that lies in a plane is not behind it, a light that stands on
 the receiver's plane is not below its horizon, a sliver that thin hides or shows nothing."""
 ROUNDING = 16 * np.finfo(np.float64).eps
-"""Rounding error per radian of boundary (measured against 50 digits: docs/exact.md)."""
+"""Bound on the rounding error per radian of outline: 20 times the largest that was measured
+(docs/exact.md)."""
 CHUNK = 1 << 20
 """Numbers in one temporary array: 8 MiB."""
 
@@ -68,25 +70,16 @@ def quad_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView
     hidden[index] = blocked
     unsolved[index] = mixed & ~blocked
 
-    caps &= ~blocked[:, None]
-    count = caps.sum(axis=1)
-    for m in np.unique(count[count > 0]):
-        group = np.flatnonzero(count == m)
-        sphere = np.nonzero(caps[group])[1].reshape(-1, m)
-        edges = polygon.vertex.shape[1]
-        step = max(1, CHUNK // (2 * m * (edges + m) * 3))
-        for start in range(0, len(group), step):
-            part = slice(start, start + step)
-            which = group[part]
-            cap = Caps.of_spheres(scene, near.point[which], sphere[part])
-            shown, length, lost = _beside_caps(polygon[which], near.normal[which], cap)
-            i, least = index[which], TOUCH * polygon[which].angle.sum(axis=1)
-            dark = length <= least
-            value[i] = np.where(dark, 0, np.clip(shown, 0, value[i]))
-            error[i] += ROUNDING * (length + lost)
-            whole[i] &= lost <= least
-            hidden[i] = dark
-            unsolved[i] &= ~dark
+    for which, sphere in _groups(caps & ~blocked[:, None], polygon.vertex.shape[1]):
+        cap = Caps.of_spheres(scene, near.point[which], sphere)
+        shown, length, lost = _beside_caps(polygon[which], near.normal[which], cap)
+        i, least = index[which], TOUCH * polygon[which].angle.sum(axis=1)
+        dark = length <= least
+        value[i] = np.where(dark, 0, np.clip(shown, 0, value[i]))
+        error[i] += ROUNDING * (length + lost)
+        whole[i] &= lost <= least
+        hidden[i] = dark
+        unsolved[i] &= ~dark
     hidden[index] |= ~unsolved[index] & (value[index] <= error[index])
     value[hidden] = 0
     return LightView(value, error, whole, hidden, unsolved)
@@ -142,39 +135,42 @@ class Polygon:
         lost = (height < 0).any(axis=1)
         gone = lost & ~(height > 0).any(axis=1)
         crosses = np.flatnonzero(lost & ~gone & ~self.empty)
-        empty = self.empty | gone
         if not len(crosses):
-            return Polygon(self.vertex, self.side, empty), lost
+            return Polygon(self.vertex, self.side, self.empty | gone), lost
 
-        vertex, side, height = self.vertex[crosses], self.side[crosses], height[crosses]
-        after, height_after = np.roll(vertex, -1, axis=1), np.roll(height, -1, axis=1)
+        part, height = self[crosses], height[crosses]
+        after, height_after = np.roll(part.vertex, -1, axis=1), np.roll(height, -1, axis=1)
         inside, inside_after = height >= 0, height_after >= 0
         crossing = inside != inside_after
         fraction = height / np.where(crossing, height - height_after, 1)
-        cut = vertex + fraction[..., None] * (after - vertex)
-        along = np.cross(normal[crosses], light_normal)
-        cut_side = np.where(
-            offset[crosses, None, None] > 0,
-            _unit(_cross(cut, along[:, None])),
-            normal[crosses, None],
-        )
-        n, k, _ = vertex.shape
-        corners = np.stack([vertex, cut], axis=2).reshape(n, 2 * k, 3)
-        sides = np.stack([side, np.where(inside[..., None], cut_side, side)], axis=2)
-        kept = np.stack([inside, crossing], axis=2).reshape(n, 2 * k)
-        order = np.argsort(~kept, axis=1, kind="stable")
-        size = max(k, int(kept.sum(axis=1).max()))
-        unused = ~np.take_along_axis(kept, order, axis=1)[:, :size, None]
-        corners = np.take_along_axis(corners, order[..., None], axis=1)[:, :size]
-        sides = np.take_along_axis(sides.reshape(n, 2 * k, 3), order[..., None], axis=1)[:, :size]
+        cut = part.vertex + fraction[..., None] * (after - part.vertex)
+        through_receiver = (offset[crosses] == 0)[:, None, None]
+        along = np.cross(normal[crosses], light_normal)[:, None]
+        new_side = np.where(through_receiver, normal[crosses, None], _unit(_cross(cut, along)))
 
-        pad = size - k
-        all_corners = np.concatenate([self.vertex, self.vertex[:, [0] * pad]], axis=1)
-        no_side = np.broadcast_to(light_normal, (len(self.vertex), pad, 3))
-        all_sides = np.concatenate([self.side, no_side], axis=1)
-        all_corners[crosses] = np.where(unused, corners[:, :1], corners)
-        all_sides[crosses] = np.where(unused, light_normal, sides)
-        return Polygon(all_corners, all_sides, empty), lost
+        # Each edge's first corner if it is inside, then the cut if there is one; in that order
+        # the corners kept go around the new polygon.
+        vertex = _interleaved(part.vertex, cut)
+        side = _interleaved(part.side, np.where(inside[..., None], new_side, part.side))
+        kept = np.stack([inside, crossing], axis=2).reshape(len(crosses), -1)
+        order = np.argsort(~kept, axis=1, kind="stable")
+        size = max(self.vertex.shape[1], int(kept.sum(axis=1).max()))
+        order = order[:, :size, None]
+        used = np.take_along_axis(kept[..., None], order, axis=1)
+        vertex, side = (np.take_along_axis(a, order, axis=1) for a in (vertex, side))
+        result = self._padded(size, light_normal)
+        result.vertex[crosses] = np.where(used, vertex, vertex[:, :1])
+        result.side[crosses] = np.where(used, side, light_normal)
+        return Polygon(result.vertex, result.side, self.empty | gone), lost
+
+    def _padded(self, size: int, light_normal: np.ndarray) -> Polygon:
+        """A copy with room for `size` corners. The light is before the plane with its own normal
+        through the receiver: as a side of an edge of length 0 that plane excludes nothing."""
+        more = size - self.vertex.shape[1]
+        corners = np.repeat(self.vertex[:, :1], more, axis=1)
+        sides = np.broadcast_to(light_normal, (len(self.vertex), more, 3))
+        vertex = np.concatenate([self.vertex, corners], axis=1)
+        return Polygon(vertex, np.concatenate([self.side, sides], axis=1), self.empty)
 
 
 @dataclass(frozen=True)
@@ -210,9 +206,10 @@ def _half_spaces(scene: Scene, receivers: Receivers) -> list[tuple[np.ndarray, n
     normal . x + offset >= 0 for x from the receiver."""
     result = [(receivers.normal, np.zeros(len(receivers)))]
     for i, plane in enumerate(scene.planes, start=len(scene.spheres)):
-        normal = np.asarray(plane.normal)
-        height = (receivers.point - np.asarray(plane.point)) @ normal
-        own = (receivers.object_id == i) | (height == 0)
+        normal, offset = np.asarray(plane.normal), receivers.point - np.asarray(plane.point)
+        height = offset @ normal
+        own = receivers.object_id == i
+        own |= np.abs(height) <= TOUCH * np.sqrt(_dot(offset, offset))
         towards = np.where(own[:, None], receivers.normal, np.copysign(1, height)[:, None] * normal)
         result.append((towards, np.where(own, 0, np.abs(height))))
     return result
@@ -245,8 +242,10 @@ def _sphere_shadows(
         if beyond < sphere.radius - slack:
             sine = sphere.radius / np.maximum(distance, sphere.radius)
             cosine = np.sqrt(1 - sine**2)
-            # angle(axis, middle) <= half-angle + spread; the 1e-7 covers the square roots above
+            # angle(axis, middle) <= half-angle + spread; the 1e-7 covers the square roots above.
+            # A wider light than a hemisphere's cap need not be where its corners are.
             reach = cosine * cosine_spread - sine * sine_spread - 1e-7
+            reach = np.where(cosine_spread > 0, reach, -1)
             maybe = ~own & ~within & (_dot(to_centre, middle) >= distance * reach)
             i = np.flatnonzero(maybe)
             depth = np.einsum("nki,ni->nk", polygon.side[i], to_centre[i]).min(axis=1)
@@ -315,31 +314,39 @@ def _distance(point: np.ndarray, polygon: Polygon, normal: np.ndarray) -> np.nda
     )
 
 
+def _groups(caps: np.ndarray, edges: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """(which, sphere): polygons that equally many caps meet, and those caps' spheres, (k,) and
+    (k, m), in parts that keep the temporary arrays small. caps: (n, number of spheres) bool."""
+    count = caps.sum(axis=1)
+    for m in np.unique(count[count > 0]):
+        group = np.flatnonzero(count == m)
+        step = max(1, CHUNK // (6 * m * (edges + m)))
+        for start in range(0, len(group), step):
+            which = group[start : start + step]
+            yield which, np.nonzero(caps[which])[1].reshape(-1, m)
+
+
 def _beside_caps(
     polygon: Polygon, normal: np.ndarray, caps: Caps
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The part of each polygon outside m caps: its projected solid angle, the length of its
     boundary, and the length of what the caps hide of the polygon's plus what they add [rad].
 
-    Stokes: 1/2 n . integral of (r - r0) x dr over what the caps leave of the edges and, turning
-    the other way, over what the polygon and the other caps leave of each cap's circle. Round a
-    closed curve any r0 will do, but the pieces' ends agree to rounding only: with r0 amid the
-    light that costs rounding times the light's size, not times 1.
+    Stokes: 1/2 n . integral of r x dr over what the caps leave of the edges and, turning the
+    other way, over what the polygon and the other caps leave of each cap's circle.
     """
-    pivot = np.cross(normal, polygon.middle)
-    edges, edge_shown, edge_hidden = _edges_outside(polygon, normal, pivot, caps)
-    arcs, arc_length = _arcs_inside(polygon, normal, pivot, caps)
-    return edges - arcs, edge_shown + arc_length, edge_hidden + arc_length
+    shown, hidden = _edges_outside(polygon, caps)
+    arcs, arc_length = _arcs_inside(polygon, normal, caps)
+    cosine = np.einsum("nki,ni->nk", polygon.side, normal)
+    edges = 0.5 * (shown * cosine).sum(axis=1)
+    return edges - arcs, shown.sum(axis=1) + arc_length, hidden.sum(axis=1) + arc_length
 
 
-def _edges_outside(
-    polygon: Polygon, normal: np.ndarray, pivot: np.ndarray, caps: Caps
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the caps leave of the edges: 1/2 n . integral of (r - r0) x dr, their length, and
-    the length of what is hidden, (n,) each. pivot = n x r0."""
+def _edges_outside(polygon: Polygon, caps: Caps) -> tuple[np.ndarray, np.ndarray]:
+    """(n, K) how much of each edge the caps leave, and the most that one of them hides [rad]."""
     half = 0.5 * polygon.angle[:, :, None]
     direction = _unit(polygon.vertex)
-    middle = _unit(direction + np.roll(direction, -1, axis=1))
+    middle = direction + np.roll(direction, -1, axis=1)
     side, axis = polygon.side[:, :, None], caps.axis[:, None]
     across = _dot(side, axis)
     # A great circle with pole gamma meets the cap iff root > 0; the same root serves the
@@ -352,22 +359,12 @@ def _edges_outside(
     start = np.clip(np.where(root > 0, centre - reach, half), -half, half)
     end = np.clip(np.where(root > 0, centre + reach, half), -half, half)
     before, after = _gaps(start, end, -half, half)
-    length = after - before
-    hidden = np.maximum(end - start, 0).max(axis=2)
-
-    n, pivot = normal[:, None], pivot[:, None]
-    mean = 0.5 * (before + after)
-    along = _dot(pivot, _cross(polygon.side, middle))[..., None]
-    chord = np.cos(mean) * along - np.sin(mean) * _dot(pivot, middle)[..., None]
-    integral = 0.5 * length * _dot(n, polygon.side)[..., None] - np.sin(0.5 * length) * chord
-    return integral.sum(axis=(1, 2)), length.sum(axis=(1, 2)), hidden.sum(axis=1)
+    return (after - before).sum(axis=2), np.maximum(end - start, 0).max(axis=2)
 
 
-def _arcs_inside(
-    polygon: Polygon, normal: np.ndarray, pivot: np.ndarray, caps: Caps
-) -> tuple[np.ndarray, np.ndarray]:
+def _arcs_inside(polygon: Polygon, normal: np.ndarray, caps: Caps) -> tuple[np.ndarray, np.ndarray]:
     """What is left of the caps' circles inside the polygon and outside the other caps:
-    1/2 n . integral of (r - r0) x dr, and the length [rad], (n,) each. pivot = n x r0.
+    1/2 n . integral of r x dr, and the length [rad], (n,) each.
 
     With r(phi) = cos(alpha) a + sin(alpha) (cos(phi) b1 + sin(phi) b2).
     """
@@ -390,14 +387,12 @@ def _arcs_inside(
     before, after = _gaps(np.clip(start, 0, turn), np.clip(end, 0, turn), zero, zero + turn)
     arc = after - before
 
-    n, pivot = normal[:, None], pivot[:, None]
-    along, n1, n2, p1, p2 = (
-        _dot(a, b)[..., None] for a, b in ((n, axis), (n, b1), (n, b2), (pivot, b1), (pivot, b2))
-    )
+    n = normal[:, None]
+    along, n1, n2 = (_dot(n, v)[..., None] for v in (axis, b1, b2))
     mean = 0.5 * (before + after)
-    cos, sin = np.cos(mean), np.sin(mean)
-    chord = cosine * (cos * n1 + sin * n2) + cos * p2 - sin * p1
-    integral = sine * (0.5 * sine * along * arc - np.sin(0.5 * arc) * chord)
+    # (sin phi1 - sin phi0, cos phi0 - cos phi1) = 2 sin(arc / 2) (cos mean, sin mean)
+    chord = 2 * np.sin(0.5 * arc) * (np.cos(mean) * n1 + np.sin(mean) * n2)
+    integral = 0.5 * sine * (sine * along * arc - cosine * chord)
     return integral.sum(axis=(1, 2)), (sine * arc).sum(axis=(1, 2))
 
 
@@ -439,6 +434,11 @@ def _gaps(
     reached = np.maximum.accumulate(np.take_along_axis(end, order, axis=-1), axis=-1)
     before = np.concatenate([low, reached], axis=-1)
     return before, np.maximum(np.concatenate([start, high], axis=-1), before)
+
+
+def _interleaved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n, k, 3) twice -> (n, 2 k, 3): a0, b0, a1, b1, ..."""
+    return np.stack([a, b], axis=2).reshape(len(a), -1, 3)
 
 
 def _root(sine: np.ndarray, across: np.ndarray) -> np.ndarray:

@@ -105,6 +105,14 @@ class WarmRenderer:
             raise RendererError(f"{self.scene_file}: cannot be rendered with {setting.options}")
         return seconds
 
+    def can(self, estimator: str) -> bool:
+        """Whether this scene can be rendered that way."""
+        try:
+            self.render(Setting(self.samplers[0], estimator, 1, 1), 1)
+        except RendererError:
+            return False
+        return True
+
     def uses_samples(self, estimator: str) -> bool:
         """Whether seed and N make a difference, asked of two images."""
         first = Setting(self.samplers[0], estimator, 1, 1)
@@ -121,10 +129,15 @@ class WarmRenderer:
         may differ by SAME of the largest, and few (FEW) by more, where rounding decides what
         a ray meets. Another seed or N would change nearly all values by far more.
         """
-        pairs = [(self.samplers[-1], e) for e in self.estimators]
-        pairs += [(s, self.estimators[0]) for s in self.samplers]
-        for sampler, estimator in pairs:
-            setting = Setting(sampler, estimator, 4, 2)
+        able = [e for e in self.estimators if self.can(e)]
+        settings = [
+            Setting(self.samplers[-1], e, 4, 2)
+            if self.uses_samples(e)
+            else Setting(None, e, None, 2)
+            for e in able
+        ]
+        settings += [Setting(s, able[0], 4, 2) for s in self.samplers if settings[0].sampler]
+        for setting in settings:
             self.render(setting, 7)
             with tempfile.TemporaryDirectory() as folder:
                 out = Path(folder) / "image.exr"

@@ -128,7 +128,8 @@ class _Lines:
         for i, plane in enumerate(scene.planes, start=len(scene.spheres)):
             point, normal = np.asarray(plane.point), np.asarray(plane.normal)
             height = (receivers.point - point) @ normal
-            height[receivers.object_id == i] = 0
+            least = TOUCH * np.linalg.norm(receivers.point - point, axis=1)
+            height[(receivers.object_id == i) | (np.abs(height) <= least)] = 0
             if np.all(np.abs((corners - point) @ normal) <= TOUCH * np.abs(corners).max()):
                 height[:] = 0
             normals.append(np.sign(height)[:, None] * normal)

@@ -40,7 +40,10 @@ minute on two cores."""
 TRIES = 3
 """Frames that must all be too slow, in case the machine was busy with something else."""
 WARM_BELOW = 0.02
-"""Shorter frames [s] are rendered once untimed before, so that caches and threads are awake."""
+"""Shorter frames [s] are rendered once untimed before, so that caches and threads are awake,"""
+BURST = 3
+"""and then so many times, of which the median counts: one that another process cut short of the
+processor does not."""
 CONFIDENCE = 0.95
 SLOPE_FROM = 4
 """Smallest N in a slope: the theory is of large N, and a grid of two points is no grid."""
@@ -221,7 +224,7 @@ def _grid(bench: _Bench, threads: Sequence[int], most: float | None = None) -> l
     most = most or bench.study.max_seconds
     renderer, first = bench.renderer, min(bench.study.light_samples)
     images: list[Setting] = []
-    for estimator in renderer.estimators:
+    for estimator in filter(renderer.can, renderer.estimators):
         if not renderer.uses_samples(estimator):
             images.append(Setting(None, estimator, None, threads[-1]))
             continue
@@ -251,9 +254,11 @@ def _frames(bench: _Bench, grid: Sequence[Sequence[Setting]]) -> list[Frame]:
 
 
 def _timed(renderer: WarmRenderer, setting: Setting, seed: int) -> float:
-    """Seconds of a frame, after another where it is short."""
+    """Seconds of a frame; of a short one in the median of BURST, after one untimed."""
     seconds = renderer.render(setting, seed)
-    return renderer.render(setting, seed) if seconds < WARM_BELOW else seconds
+    if seconds >= WARM_BELOW:
+        return seconds
+    return float(np.median([renderer.render(setting, seed) for _ in range(BURST)]))
 
 
 def _cycles_frames(bench: _Bench, cycles: Renderer) -> list[Frame]:
@@ -301,7 +306,8 @@ def summary(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
     efficiency = 1 / (relative MSE x seconds) [1/s]: of two unbiased methods whose variance
     falls as 1/N, the one of twice the efficiency takes half the time. Its interval multiplies
     the limits of both; without an error there is no efficiency (None). on_frontier: no other
-    row of that region and number of threads is both faster and nearer the truth.
+    row of that region and number of threads is both faster and nearer the truth; Cycles counts
+    among those of the most threads.
     """
     rows: list[dict[str, Any]] = []
     for (renderer, setting), group in _groups(frames).items():
@@ -334,8 +340,10 @@ def summary(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
                 }
             )
     alike: dict[tuple[str, int], list[dict[str, Any]]] = {}
+    most = max(f.setting.threads for f in frames if f.renderer == "penumbra")
     for row in rows:
-        alike.setdefault((row["region"], row["threads"]), []).append(row)
+        threads = row["threads"] if row["renderer"] == "penumbra" else most
+        alike.setdefault((row["region"], threads), []).append(row)
     for here in alike.values():
         for i in choice.frontier([(row["seconds"], row["relative_rmse"]) for row in here]):
             here[i]["on_frontier"] = True
@@ -362,9 +370,10 @@ def slopes(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
     slope is None where there are fewer than three N from SLOPE_FROM on with an error above
     what rounding explains, as for a method without N; reason says which.
     """
-    most = max(f.setting.threads for f in frames)
+    most = max(f.setting.threads for f in frames if f.renderer == "penumbra")
     methods: dict[tuple[Any, ...], dict[int | None, list[Frame]]] = {}
-    for (renderer, s), group in _groups([f for f in frames if f.setting.threads == most]).items():
+    alike = [f for f in frames if f.setting.threads == most or f.renderer != "penumbra"]
+    for (renderer, s), group in _groups(alike).items():
         methods.setdefault((renderer, s.sampler, s.estimator), {})[s.light_samples] = group
     found = []
     for (renderer, sampler, estimator), by_n in methods.items():
@@ -413,7 +422,8 @@ def _trials(
     grid = _grid(bench, (threads,), study.max_seconds / 2)
     chosen = {_setting(a["choice"]) for a in answers if a["choice"]}
     known = {setting for settings in grid for setting in settings}
-    grid += [[setting] for setting in sorted(chosen - known, key=str)]
+    more = (s for s in chosen - known if bench.renderer.can(s.estimator))
+    grid += [[setting] for setting in sorted(more, key=str)]
     rows = summary(bench, _frames(bench, grid))
     return [choice.trial(answer, rows, bench.scene.name) for answer in answers]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup, escape
 
 from compare.choice import duration, options, place, verdict_text
 from compare.choice import percent as error_text
@@ -33,7 +34,12 @@ OTHER_SHAPE = "star"
 FRACTIONS = {-0.5: "−1/2", -0.75: "−3/4", -1.0: "−1", -1.5: "−3/2"}
 SLOPE_REGIONS = ("lit", "penumbra", "all")
 TITLES = {"all": "all objects"}
-VERDICTS = {"reached": ("agrees", "✓"), "missed": ("differs", "✕"), "undecided": ("undecided", "?")}
+VERDICTS = {
+    "reached": ("agrees", "✓"),
+    "missed": ("differs", "✕"),
+    "impossible": ("differs", "✕"),
+    "undecided": ("undecided", "?"),
+}
 
 
 def trade(data: Data, build_dir: Path) -> dict[str, Any]:
@@ -56,16 +62,16 @@ def trade(data: Data, build_dir: Path) -> dict[str, Any]:
 
 
 def _section(measured: dict[str, Any]) -> dict[str, Any]:
-    most = max(row["threads"] for row in measured["rows"])
+    most = _threads(measured)[-1]
     first = _headline(measured["answers"])
     return {
-        "sentence": first["text"] if first else "",
+        "sentence": _with_code(first["text"], options(first["choice"])) if first else "",
         "plot": _plot(measured),
         "caption": (
             f"Scene {measured['scene']}, {measured['width']} × {measured['height']}, M = 1. "
             f"Medians of {measured['seeds']} frames of each setting, which took turns; errors are "
             f"relative RMSE against the exact solution over the same frames. Time: "
-            f"{measured['clock']}; for Cycles its own render time, in one process too."
+            f"{measured['clock']}; for Cycles its own render time on every core, in one process too."
         ),
         "confidence": percent(measured["confidence"]),
         "threads": most,
@@ -74,7 +80,7 @@ def _section(measured: dict[str, Any]) -> dict[str, Any]:
         "other_names": list(
             dict.fromkeys(o["name"] for a in measured["answers"] for o in a["others"])
         ),
-        "trials": [_trial(t) for t in measured["trials"] if t["result"]],
+        "trials": [_trial(t) for t in measured["trials"] if t["verdict"] in VERDICTS],
         "verdict": verdict_text(measured["trials"]) if measured["trials"] else "",
         "slopes": _slopes(measured["slopes"]),
         "command": measured["command"],
@@ -91,6 +97,16 @@ def _headline(answers: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     return wanted[0] if wanted else None
 
 
+def _threads(measured: dict[str, Any]) -> list[int]:
+    """That the C renderer was measured with. Cycles always takes every core."""
+    return sorted({row["threads"] for row in measured["rows"] if row["renderer"] == "penumbra"})
+
+
+def _with_code(text: str, command: str) -> Markup:
+    before, found, after = text.partition(command)
+    return escape(before) + Markup("<code>{}</code>").format(found) + escape(after)
+
+
 # Figure 10
 
 
@@ -105,7 +121,7 @@ def _plot(measured: dict[str, Any]) -> dict[str, Any]:
             {
                 "series": entry["index"],
                 "region": row["region"],
-                "threads": row["threads"],
+                "threads": row["threads"] if row["renderer"] == "penumbra" else None,
                 "n": row["light_samples"],
                 "x": row["seconds"],
                 "y": row["relative_rmse"],
@@ -123,7 +139,7 @@ def _plot(measured: dict[str, Any]) -> dict[str, Any]:
         "series": list(series.values()),
         "points": points,
         "regions": [{"name": r, "title": TITLES.get(r, r)} for r in measured["regions"]],
-        "threads": sorted({row["threads"] for row in measured["rows"]}),
+        "threads": _threads(measured),
         "targets": [{"y": t, "text": error_text(t)} for t in measured["targets"]],
     }
 
@@ -193,8 +209,8 @@ def _trial(trial: dict[str, Any]) -> dict[str, Any]:
         "verdict": trial["verdict"],
         "tone": tone,
         "sign": sign,
-        "error": error_text(result["relative_rmse"]),
-        "time": duration(result["seconds"]),
+        "error": error_text(result["relative_rmse"]) if result else "–",
+        "time": duration(result["seconds"]) if result else "–",
         "best": "–" if best is None else f"{options(best)}, {duration(best['seconds'])}",
         "needed": (trial["needed"] or {}).get("light_samples") or "–",
         "method_ratio": digits(trial["method_ratio"], 2),

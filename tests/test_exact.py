@@ -349,12 +349,19 @@ def tangent_case(rng):
 
 
 def small_case(rng):
-    """A light and spheres of 1e-6 to 1 m, metres away."""
-    k = 10 ** rng.uniform(-6, 0)
-    spheres = [
-        (rng.normal(size=3) * (k, 0.5, k) + UP, k * 10 ** rng.uniform(-0.5, 0.5))
-        for _ in range(rng.integers(1, 4))
-    ]
+    """A light of 1e-9 to 1 m, metres away, behind spheres of its size or behind the edge of
+    spheres of 0.1 to 1 m; receivers as far apart as the light is large."""
+    k = 10 ** rng.uniform(-9, 0)
+    spheres = []
+    for _ in range(rng.integers(1, 4)):
+        if rng.random() < 0.5:
+            centre = rng.normal(size=3) * (k, 0.5, k) + UP
+            spheres.append((centre, k * 10 ** rng.uniform(-0.5, 0.5)))
+        else:
+            radius, turn = 10 ** rng.uniform(-1, 0), rng.uniform(0, 2 * np.pi)
+            sine = radius / 2 + 0.2 * k * rng.normal()
+            aside = sine * np.array([np.cos(turn), 0, np.sin(turn)])
+            spheres.append((2 * (aside + math.sqrt(1 - (radius / 2) ** 2) * UP) - UP, radius))
     light = quad(k * rng.normal(size=3) + 4 * UP, k * rng.normal(size=3), k * rng.normal(size=3))
     scene = scene_of(spheres, [FLOOR], [light])
     return scene, on_floor(scene, 3 * k * rng.normal(size=(100, 3)) * (1, 0, 1) - UP)

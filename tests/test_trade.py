@@ -177,6 +177,12 @@ def test_without_a_choice_nothing_is_tried() -> None:
     assert verdict_text([found]) == "No recommendation was tried on another scene."
 
 
+def test_a_choice_that_cannot_be_rendered_elsewhere_counts_as_not_reached() -> None:
+    found = _trial_of([_row(0.001, 0.009, estimator="textbook")])
+    assert found["verdict"] == "impossible"
+    assert "in 0 of 1 cases" in verdict_text([found])
+
+
 def test_the_verdict_counts_what_was_reached_and_fast() -> None:
     """Reached and fastest; reached in twice the best time; missed: 2 of 3, 1 of these fast."""
     trials = [
@@ -345,6 +351,25 @@ def test_strips_hold_images_within_the_time_and_the_error(
             assert image.attributes["sceneHash"] == result["scene_hash"]
             within = entry["seconds"] <= 0.003, entry["relative_rmse"] <= 0.01
             assert within[name == "equal_error"]
+
+
+def test_where_nothing_is_sampled_every_estimator_is_one_row(
+    renderer: Path, scenes: Path, tmp_path: Path
+) -> None:
+    """Under a point light N and sampler change nothing: each estimator is one setting, whose
+    error is float32's alone (below 1e-6), so the fastest is recommended, without an N."""
+    study = Study(scenes / "tp3_point.json", tmp_path / "point", threads=(1,), seeds=2,
+                  targets=(0.01,), width=24, height=16)  # fmt: skip
+    result = trade(study)
+    estimators = WarmRenderer(study.scene_file, 24, 16).estimators
+    rows = [row for row in result["rows"] if row["region"] == "all"]
+    assert [row["estimator"] for row in rows] == list(estimators)
+    assert all(row["sampler"] is row["light_samples"] is None for row in rows)
+    assert all(row["relative_rmse"] < 1e-6 for row in rows)
+    fastest = min(rows, key=lambda row: row["seconds"])
+    assert result["answers"][0]["choice"] == fastest
+    assert "--light-samples" not in result["answers"][0]["text"]
+    assert {slope["reason"] for slope in result["slopes"]} == {"no N"}
 
 
 # The command

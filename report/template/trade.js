@@ -28,11 +28,12 @@
   // ---- what is shown ---------------------------------------------------------------------
 
   const here = () => data.points.filter(
-    (p) => p.region === state.region && p.threads === state.threads && p.y > 0);
+    (p) => p.region === state.region && (p.threads ?? state.threads) === state.threads && p.y > 0);
   const shown = () => here().filter((p) => !state.hidden.has(p.series));
   const along = (points, series) =>
     points.filter((p) => p.series === series).sort((a, b) => (a.n || 0) - (b.n || 0));
-  const frontier = () => here().filter((p) => p.frontier).sort((a, b) => a.x - b.x);
+  const most = Math.max(...data.threads);
+  const frontier = () => here().filter((p) => p.frontier && (p.threads ?? most) === state.threads).sort((a, b) => a.x - b.x);
 
   // ---- scales: logarithmic, over all regions, so that one looks like another ----------------
 
@@ -52,7 +53,7 @@
     power >= 0 ? `${10 ** power} s` : power >= -3 ? `${10 ** (power + 3)} ms`
                                                   : `${10 ** (power + 6)} µs`;
   const errorText = (power) =>
-    power >= -6 ? `${+(10 ** (power + 2)).toPrecision(1)} %` : `10^${power + 2} %`;
+    power >= -6 ? `${+(10 ** (power + 2)).toPrecision(1)}%` : `10^${power + 2}%`;
 
   // ---- drawing ---------------------------------------------------------------------------
 
