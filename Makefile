@@ -25,13 +25,15 @@ build/setup.test: build/setup.run
 	./setup.sh test
 	@touch $@
 
-## lock : pin requirements.in anew in requirements.txt, at the newest versions
+## lock : pin requirements*.in anew in requirements*.txt, at the newest versions
 .PHONY: lock
 lock: | build/setup.run
 	.venv/bin/python -m venv build/lock
 	build/lock/bin/pip install --quiet --disable-pip-version-check uv
-	build/lock/bin/uv pip compile requirements.in --output-file requirements.txt --upgrade \
-	    --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
+	for name in requirements requirements-bench; do \
+	    build/lock/bin/uv pip compile $$name.in --output-file $$name.txt --upgrade --universal \
+	        --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet || exit; \
+	done
 
 # ---------------------------------------------------------------- C renderer
 
@@ -148,6 +150,16 @@ build/convergence/tp3.csv build/convergence/tp3.json &: scenes/tp3.json $(RENDER
 build/speedup.csv build/speedup.json &: scenes/tp3.json $(RENDER) $(COMPARE)
 	$(PENUMBRA) speedup $< -o build/speedup.csv
 
+# What each millisecond buys. Without Cycles (exit status 3): the C renderer alone.
+TRADE = $(PENUMBRA) trade $< -o build/trade/$* --keep-images \
+    --verify $(filter-out $<,$(wildcard scenes/small_light.json scenes/three_spheres.json))
+build/trade/%.json: scenes/%.json $(RENDER) build/lib/libpenumbra.so $(COMPARE)
+	$(TRADE) --cycles || { [ $$? -eq 3 ] && $(TRADE); }
+
+## trade : error against time for every method, and which to use: build/trade/tp3.json
+.PHONY: trade
+trade: build/trade/tp3.json
+
 IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
           $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
@@ -157,17 +169,51 @@ PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
-    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
+    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv build/trade/tp3.json \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
+# ---------------------------------------------------------------- benchmark
+
+BENCH_PROGRAMS := build/bin/penumbra-loop build/bin/fma-peak
+
+build/bin/fma-peak: bench/fma_peak.c Makefile | build/setup.run
+	@mkdir -p $(@D)
+	gcc $(C_FLAGS) -O3 -march=native -ffp-contract=fast $< -o $@
+
+# Of the same objects as the program, since the linker optimises: what is timed is what is run.
+LOOP_OBJECTS := $(patsubst %,build/obj/%.o,$(filter-out main,$(C_NAMES)))
+LOOP = gcc $(C_FLAGS) -O3 -march=native -flto=auto -Ic_renderer/src $(filter %.c %.o,$^)
+
+build/bin/penumbra-loop: bench/loop.c $(LOOP_OBJECTS)
+	@mkdir -p $(@D)
+	$(LOOP) $(LIB_LDFLAGS) -o $@
+
+# Optional: embree3 or embree4, if Debian's libembree-dev is installed.
+EMBREE := $(lastword $(sort $(notdir $(patsubst %/rtcore.h,%,$(wildcard /usr/include/embree*/rtcore.h)))))
+
+build/bin/embree-loop: bench/loop.c bench/embree.c bench/embree.h $(LOOP_OBJECTS)
+	@mkdir -p $(@D)
+	$(LOOP) -DWITH_EMBREE $(LIB_LDFLAGS) -l$(EMBREE) -o $@
+
+## bench : speed beside Cycles, Mitsuba, Embree and a textbook loop: build/bench/, docs/performance.md
+.PHONY: bench
+bench: build $(BENCH_PROGRAMS) $(if $(EMBREE),build/bin/embree-loop)
+	.venv/bin/python -P -m bench scenes/tp3.json -o build/bench --page docs/performance.md
+
+## bench-extras : install Mitsuba in .venv for the benchmark, which does without it too
+.PHONY: bench-extras
+bench-extras: build/setup.run
+	.venv/bin/pip install --quiet --disable-pip-version-check --require-hashes \
+	    --requirement requirements-bench.txt
+
 # ---------------------------------------------------------------- checks
 
-PYTHON_FILES := penumbra.py blender_ref compare report tests
+PYTHON_FILES := penumbra.py bench blender_ref compare report tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
-test: build/setup.test lint build $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
+test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
 	.venv/bin/pytest -n auto --maxprocesses 8
 
 ## lint : style and types, Python and C
@@ -176,14 +222,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch]
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch]
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch]
+	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch]
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

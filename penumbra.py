@@ -250,6 +250,37 @@ def _speedup(options: argparse.Namespace) -> int:
     return PASS
 
 
+def _trade(options: argparse.Namespace) -> int:
+    from compare.trade import Study, trade
+
+    out = options.out or Path("build", "trade", options.scene.stem)
+    result = trade(
+        Study(
+            options.scene,
+            out,
+            tuple(options.verify),
+            cycles=_cycles() if options.cycles else None,
+            cycles_light_samples=options.cycles or (),
+            light_samples=options.light_samples,
+            threads=options.threads,
+            seeds=options.seeds,
+            targets=options.targets,
+            max_seconds=options.max_seconds,
+            width=options.width,
+            height=options.height,
+            keep_images=options.keep_images,
+        )
+    )
+    for answer in result["answers"]:
+        print(answer["text"])
+    for trial in result["trials"]:
+        if trial["verdict"] != "no choice":
+            print(trial["text"])
+    print(result["verdict"])
+    print(f"written: {out}.csv and {out}.json")
+    return PASS
+
+
 def _report(options: argparse.Namespace) -> int:
     from report.build import build
 
@@ -306,6 +337,20 @@ def seconds(text: str) -> float:
     return value
 
 
+def errors(text: str) -> tuple[float, ...]:
+    """
+    >>> errors("3,0.1")
+    (0.03, 0.001)
+    """
+    try:
+        values = sorted({float(word) / 100 for word in text.split(",")}, reverse=True)
+    except ValueError:
+        values = [0.0]
+    if not all(0 < value < 1 for value in values):
+        raise argparse.ArgumentTypeError(f'"{text}" is not a list of percentages like 3,1,0.3')
+    return tuple(values)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="penumbra",
@@ -334,6 +379,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_scene_commands(add)
     _add_converge(add)
     _add_speedup(add)
+    _add_trade(add)
     _add_report(add)
     return parser
 
@@ -540,6 +586,78 @@ def _add_speedup(add: Any) -> None:
     sub.add_argument("--repeats", type=positive, default=5, metavar="R", help="timings of each [5]")
     sub.add_argument(
         "--light-samples", type=positive, default=1024, metavar="N", help="of each image [1024]"
+    )
+
+
+def _add_trade(add: Any) -> None:
+    sub = add(
+        "trade",
+        _trade,
+        "Measure what each millisecond buys: error by region against time, for every sampler and\n"
+        "estimator of the C renderer, N and number of threads, and say which to use. Each setting\n"
+        "is timed warm, in one process; errors are against the exact image.",
+        "penumbra trade scenes/tp3.json -o build/trade/tp3 \\\n"
+        "           --verify scenes/small_light.json scenes/three_spheres.json --cycles",
+        lambda options: "; nothing was written",
+    )
+    _scene_argument(sub)
+    sub.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="OUT",
+        help="writes OUT.csv and OUT.json [build/trade/SCENE]",
+    )
+    sub.add_argument(
+        "--verify",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="SCENE",
+        help="try what is recommended on these scenes too",
+    )
+    sub.add_argument(
+        "--cycles",
+        nargs="?",
+        type=sample_counts,
+        const=sample_counts("1,4,16,64"),
+        metavar="N",
+        help="Cycles too, with these numbers of samples [1,4,16,64]",
+    )
+    sub.add_argument(
+        "--targets",
+        type=errors,
+        default="3,1,0.3,0.1",
+        metavar="E",
+        help="relative RMSE to recommend a setting for, in percent [3,1,0.3,0.1]",
+    )
+    sub.add_argument(
+        "--light-samples",
+        type=sample_counts,
+        default="1..16384",
+        metavar="N",
+        help="doublings (1..4096) or a list (1,16,64), as far as --max-seconds lets [1..16384]",
+    )
+    sub.add_argument(
+        "--max-seconds",
+        type=seconds,
+        default=0.1,
+        metavar="S",
+        help="leave out N of which an image takes longer [0.1]",
+    )
+    sub.add_argument(
+        "--threads",
+        type=sample_counts,
+        default=(),
+        metavar="T",
+        help="a list (1,2,4) or doublings (1..8) [1 and the number of cores]",
+    )
+    sub.add_argument("--seeds", type=positive, default=6, metavar="K", help="frames of each [6]")
+    _size_arguments(sub, "the scene's")
+    sub.add_argument(
+        "--keep-images",
+        action="store_true",
+        help="images of equal time and of equal error, for the report, in OUT_images/",
     )
 
 

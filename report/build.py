@@ -8,7 +8,7 @@ import jinja2
 from markupsafe import Markup
 
 from compare.provenance import VERSION, write_whole
-from report import figures, pictures, results
+from report import figures, pictures, results, trade
 from report.inputs import PIXEL_SAMPLES, Data, ReportError, read_inputs
 
 TEMPLATES = Path(__file__).resolve().parent / "template"
@@ -23,6 +23,7 @@ CONTENTS = (
     ("convergence", "How fast does it converge?"),
     ("antialiasing", "Why is there less noise in the shadow?"),
     ("threads", "Threads"),
+    ("trade", "What does a millisecond buy?"),
     ("remake", "What was rendered, and how to remake it"),
     ("glossary", "Glossary"),
 )
@@ -34,12 +35,15 @@ def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
     Raises ReportError for an input that is missing or unusable (naming it and the command
     that makes it), SceneError, and OSError if `out` cannot be written.
     """
-    html = page(read_inputs(build_dir, scenes_dir))
+    html = page(read_inputs(build_dir, scenes_dir), build_dir)
     write_whole(out, lambda part: part.write_text(html, encoding="utf-8"))
 
 
-def page(data: Data) -> str:
-    """The whole page as HTML. Raises ReportError for an input that lacks something."""
+def page(data: Data, build_dir: Path) -> str:
+    """The whole page as HTML, with the trade if build_dir has it.
+
+    Raises ReportError for an input that lacks something.
+    """
     environment = jinja2.Environment(
         autoescape=True,
         loader=jinja2.FileSystemLoader(TEMPLATES),
@@ -57,6 +61,7 @@ def page(data: Data) -> str:
             **results.speedup(data),
             **results.provenance(data),
             **pictures.comparer(data),
+            **trade.trade(data, build_dir),
         }
         sections["glance"] = results.glance(data)
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -67,12 +72,13 @@ def page(data: Data) -> str:
     return environment.get_template("page.html.j2").render(
         **sections,
         version=VERSION,
-        contents=CONTENTS,
+        contents=[c for c in CONTENTS if c[0] != "trade" or sections["trade"]],
         enlarged=pictures.ENLARGED,
         pixel_samples=PIXEL_SAMPLES,
         summary=results.summary(data),
         scene=data.scenes["tp3"],
         light=figures.light_drawing(data.scenes["tp3"].quad_lights[0]),
-        css=Markup((TEMPLATES / "page.css").read_text()),
+        css=Markup("".join((TEMPLATES / f"{name}.css").read_text() for name in ("page", "trade"))),
         viewer=Markup((TEMPLATES / "viewer.js").read_text()),
+        trade_script=Markup((TEMPLATES / "trade.js").read_text()),
     )

@@ -1,0 +1,243 @@
+"""The tables of docs/performance.md, between its two markers; the words around them are written
+by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.law import seconds_of
+from bench.results import FAST
+from compare.provenance import write_whole
+
+BEGIN = "<!-- measured by `make bench`: begin -->"
+END = "<!-- measured by `make bench`: end -->"
+
+Result = dict[str, Any]
+
+
+class PageError(ValueError):
+    """A page without its markers."""
+
+
+def write_page(page: Path, result: Result) -> None:
+    """Put the tables in their place. Raises PageError, OSError."""
+    text = page.read_text()
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise PageError(f"{page}: the tables' place is not marked by one {BEGIN} and one {END}")
+    before, after = text.split(BEGIN)[0], text.split(END)[1]
+    write_whole(
+        page, lambda part: part.write_text(f"{before}{BEGIN}\n\n{tables(result)}\n{END}{after}")
+    )
+
+
+def tables(result: Result) -> str:
+    """All tables, as Markdown; ratios first."""
+    parts = [
+        _about(result),
+        "### Targets\n\n" + _targets(result),
+        f"### Render time at equal N, as a multiple of `{FAST}`\n\n" + _compared(result, "ratio"),
+        "### Render time at equal N [ms]\n\n" + _compared(result, "ms"),
+        "### Time to a relative error\n\n" + _times_to_error(result),
+        "### Error against N\n\n" + _errors(result),
+        "### Threads\n\n" + _threads(result),
+        "### Image size\n\n" + _sizes(result),
+        "### Whole processes\n\n" + _processes(result),
+        "### Peak\n\n" + _peak(result),
+    ]
+    if result["absent"]:
+        lines = [f"- {name}: {why}" for name, why in sorted(result["absent"].items())]
+        parts.append("### Not measured\n\n" + "\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Markdown; the first column to the left, the others to the right.
+
+    >>> print(table(["a", "b"], [["x", "1"]]), end="")
+    | a | b |
+    | --- | ---: |
+    | x | 1 |
+    """
+    lines = [list(head), ["---"] + ["---:"] * (len(head) - 1), *map(list, rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """
+    >>> number(12345.6), number(0.01234), number(7.0), number(None), number(-0.7512)
+    ('12,300', '0.0123', '7.00', '–', '-0.751')
+    """
+    if value is None:
+        return "–"
+    if value == 0:
+        return "0"
+    rounded = float(f"{value:.{digits - 1}e}")
+    if abs(rounded) >= 10 ** (digits - 1):
+        return f"{rounded:,.0f}"
+    if abs(rounded) < 1e-4:
+        return f"{rounded:.1e}"
+    whole = len(str(int(abs(rounded)))) if abs(rounded) >= 1 else 0
+    leading = 0
+    while abs(rounded) * 10**leading < 0.1 and whole == 0:
+        leading += 1
+    return f"{rounded:.{digits - whole + leading}f}"
+
+
+def _ms(seconds: float | None) -> str:
+    return number(None if seconds is None else 1e3 * seconds)
+
+
+def _about(result: Result) -> str:
+    machine, versions = result["machine"], result["versions"]
+    listed = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return (
+        f"{machine['processor']}, {result['threads']} cores used, {machine['system']}; "
+        f"{result['date']}. {listed}. {result['scene']} at {result['width']}×{result['height']}, "
+        f"{result['threads']} threads, medians of {result['rounds']} interleaved rounds. Load "
+        f"average before the start: {result['load']:.2f} (0 is a machine at rest). Whole run: "
+        f"{result['minutes']:.1f} minutes. Command: `make bench`.\n"
+    )
+
+
+def _targets(result: Result) -> str:
+    def value(row: Result, key: str) -> str:
+        if row[key] is None:
+            return "–"
+        unit = row["unit"]
+        return number(row[key]) + ({"×": " ×", "%": "%", "": ""}.get(unit, f" {unit}"))
+
+    def verdict(row: Result) -> str:
+        return {True: "yes", False: "**no**", None: "not measured"}[row["met"]]
+
+    return table(
+        ["what", "at least", "stretch", "reached", "met", "bound by"],
+        [
+            [row["what"], *(value(row, k) for k in ("at_least", "stretch", "reached")),
+             verdict(row), row["bound_by"]]
+            for row in result["targets"]
+        ],
+    )  # fmt: skip
+
+
+def _compared(result: Result, kind: str) -> str:
+    rows = []
+    for name in result["systems"]:
+        cells = []
+        for count in result["compared"]:
+            seconds, fast = (
+                seconds_of(result["medians"], system, light_samples=count,
+                           threads=result["threads"])
+                for system in (name, FAST)
+            )  # fmt: skip
+            if kind == "ms":
+                cells.append(_ms(seconds))
+            else:
+                cells.append(number(seconds / fast if seconds and fast else None))
+        rows.append([f"`{name}`", *cells])
+    return table(["system", *(f"N = {n}" for n in result["compared"])], rows)
+
+
+def _times_to_error(result: Result) -> str:
+    parts = []
+    for target in sorted({row["target"] for row in result["times_to_error"]}, reverse=True):
+        found = [row for row in result["times_to_error"] if row["target"] == target]
+        found.sort(key=lambda row: float(row["seconds"]))
+        best = found[0]["seconds"]
+        rows = [
+            [
+                f"`{row['system']}`",
+                number(row["seconds"] / best),
+                _ms(row["seconds"]),
+                f"{row['light_samples']:,.0f}",
+                number(row["relative_rmse"]),
+                "measured" if row["measured"]
+                else "extrapolated" if row["beyond"] else "interpolated",
+            ]
+            for row in found
+        ]  # fmt: skip
+        head = ["system", "ratio", "ms", "N", "error at that N", "time is"]
+        parts.append(f"To {target:.1%}:\n\n" + table(head, rows))
+    return "\n".join(parts)
+
+
+def _errors(result: Result) -> str:
+    counts = sorted({r["light_samples"] for r in result["medians"] if r["experiment"] == "samples"})
+    rows = []
+    for name in result["systems"]:
+        errors = {
+            r["light_samples"]: r["relative_rmse_all"]
+            for r in result["medians"]
+            if r["experiment"] == "samples" and r["system"] == name and r["relative_rmse_all"]
+        }
+        slope = result["slopes"][name]
+        cells = [number(errors.get(n)) for n in counts]
+        rows.append([f"`{name}`", number(slope["all"]), number(slope["lit"]), *cells])
+    return table(["system", "slope, all", "slope, lit", *(f"N = {n}" for n in counts)], rows)
+
+
+def _threads(result: Result) -> str:
+    rows = []
+    for name in result["systems"]:
+        cells = []
+        for count in result["compared"]:
+            one, many = (
+                seconds_of(result["medians"], name, light_samples=count, threads=threads)
+                for threads in (1, result["threads"])
+            )
+            cells.append(number(one / many if one and many else None))
+        if any(cell != "–" for cell in cells):
+            rows.append([f"`{name}`", *cells])
+    head = f"1 thread / {result['threads']} threads"
+    return table([head, *(f"N = {n}" for n in result["compared"])], rows)
+
+
+def _sizes(result: Result) -> str:
+    measured = [r for r in result["medians"] if r["experiment"] == "size"]
+    sizes = sorted({(r["width"], r["height"]) for r in measured})
+    rows = []
+    for name in result["systems"]:
+        cells = []
+        for size in sizes:
+            found = [
+                r for r in measured if r["system"] == name and (r["width"], r["height"]) == size
+            ]
+            each = 1e9 * found[0]["seconds"] / (size[0] * size[1]) if found else None
+            cells.append(number(each))
+        if any(cell != "–" for cell in cells):
+            rows.append([f"`{name}`", *cells])
+    samples = measured[0]["light_samples"] if measured else 0
+    head = f"ns a pixel, N = {samples}"
+    return table([head, *(f"{w}×{h}" for w, h in sizes)], rows)
+
+
+def _processes(result: Result) -> str:
+    found = [r for r in result["medians"] if r["experiment"] == "process"]
+    found.sort(key=lambda r: float(r["seconds"]))
+    rows = [[r["system"], _ms(r["seconds"]), _ms(r["low"]), _ms(r["high"])] for r in found]
+    samples = found[0]["light_samples"] if found else 0
+    return table([f"process, N = {samples}", "ms", "smallest", "largest"], rows)
+
+
+def _peak(result: Result) -> str:
+    def percent(value: float | None) -> str:
+        return "–" if value is None else f"{value:.0%}"
+
+    rows = [
+        [
+            str(p["threads"]),
+            number(2e-9 * p["fma_per_second"]),
+            number(1e-9 * p["divisions_per_second"]),
+            number(None if p["samples_per_second"] is None else 1e-9 * p["samples_per_second"]),
+            percent(p["fma_share"]),
+            percent(p["division_share"]),
+        ]
+        for p in result["peak"]
+    ]
+    count = result["peak"][0]["light_samples"] if result["peak"] else 0
+    head = [
+        "threads", "FMA peak [GFLOP/s]", "division peak [G/s]",
+        f"samples of `{FAST}`, N = {count} [G/s]", "share of FMA peak", "share of division peak",
+    ]  # fmt: skip
+    return table(head, rows)

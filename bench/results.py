@@ -1,0 +1,320 @@
+"""What the rounds say: medians, ratios, time to a given error, the share of the machine's peak,
+and each target beside what was reached."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.law import Law, Row, medians, seconds_of
+from bench.rounds import EMPTY_PROCESS, WHOLE_PROCESS, TEXTBOOK, Measured, Plan
+from bench.systems import NOISELESS
+from compare.exact import LIT, PENUMBRA, ExactImage
+from compare.scene import Plane, Scene
+
+FAST = "area sobol"
+"""The estimator that samples everywhere, with its best points: the one compared at equal N."""
+OTHERS = ("Cycles", "Embree", "Mitsuba llvm", "Mitsuba scalar")
+LANES = 16
+"""Pixels side by side in the kernel; all of them compute, whether they see the light or not."""
+
+COUNTED = {
+    "real wx = l.cx[i] + s * ux + t * vx;": 2,
+    "real wy = l.cy[i] + t * vy;": 1,
+    "real distance_squared = wx * wx + (wy * wy + l.h_squared[i]);": 2,
+    "real n_w = l.nx[i] * wx + (l.ny[i] * wy + l.nh[i]);": 2,
+    "real value = n_w * (inverse * inverse);": 2,
+    "sum[i] += value;": 1,
+}
+"""Operations of the FMA pipes for a sample, by line of sum_samples in c_renderer/src/kernel.c: a
+multiply-add is one, so is a product or a sum that has no partner. Not counted: the division,
+comparisons, and the integer work on the point's bits."""
+COUNTED_WITHOUT_SPHERE = -1
+"""With nothing to mask, the last product and the sum are one multiply-add."""
+COUNTED_FOR_A_SPHERE = {
+    "real along = l.sphere_x[k][i] * wx + (l.sphere_y[k][i] * wy + l.sphere_h[k][i]);": 2,
+    "value = along * fabs(along) > distance_squared ? 0 : value;": 1,
+}
+
+
+# ---------------------------------------------------------------- error against time
+
+
+def times_to_targets(measured: Measured, plan: Plan) -> list[Row]:
+    """For each system and target: N and seconds by its law, and both measured where they were."""
+    rows = medians(measured.frames)
+    result = []
+    for name in systems(rows):
+        law = Law.of(measured.frames, name, plan.threads)
+        for target in plan.targets:
+            count = law.samples_for(target)
+            if count is None:
+                continue
+            check = [
+                r for r in rows
+                if r["experiment"] == f"target {target:g}" and r["system"] == name
+            ]  # fmt: skip
+            result.append(
+                {
+                    "system": name,
+                    "target": target,
+                    "light_samples": count,
+                    "seconds": check[0]["seconds"] if check else law.seconds_at(count),
+                    "relative_rmse": check[0]["relative_rmse_all"] if check else None,
+                    "measured": bool(check),
+                    "beyond": bool(count > law.counts[-1]),
+                }
+            )
+    return result
+
+
+def systems(rows: Iterable[Row]) -> list[str]:
+    """In the order of tables: ours, by the alphabet, then the others."""
+    names = {row["system"] for row in rows if row["experiment"] == "samples"}
+    return sorted(names, key=lambda name: (name in OTHERS, name))
+
+
+# ---------------------------------------------------------------- the machine's peak
+
+
+def operations(scene: Scene, exact: ExactImage) -> tuple[float, float]:
+    """FMA-pipe operations and divisions of the kernel's loop per light sample, whole image.
+
+    A lower bound, from the exact solution: sixteen pixels of a row run the loop if one of them
+    gets light, and test a sphere if one of them is in the penumbra on a plane. (On a sphere the
+    penumbra may be the horizon's.) One light.
+    """
+    plain = sum(COUNTED.values()) + COUNTED_WITHOUT_SPHERE
+    tested = sum(COUNTED.values()) + sum(COUNTED_FOR_A_SPHERE.values())
+    planes = [i for i, thing in enumerate(scene.objects) if isinstance(thing, Plane)]
+    shadowed = (exact.shadow == PENUMBRA) & np.isin(exact.object_id, planes)
+    runs = _packets((exact.shadow == LIT) | (exact.shadow == PENUMBRA))
+    tests = _packets(shadowed)
+    lanes = LANES * int(runs.sum())
+    return float(plain * lanes + (tested - plain) * LANES * int(tests.sum())), float(lanes)
+
+
+def _packets(pixels: np.ndarray) -> np.ndarray:
+    """Whether any of sixteen neighbours is so."""
+    height, width = pixels.shape
+    padded = np.pad(pixels, ((0, 0), (0, -width % LANES)))
+    whole: np.ndarray = padded.reshape(height, -1, LANES).any(axis=2)
+    return whole
+
+
+def shares(measured: Measured, plan: Plan, scene: Scene) -> list[Row]:
+    """Of the kernel, by number of threads, at the largest N compared: what part of its time the
+    counted multiply-adds, and the divisions, would take alone at the measured peaks."""
+    rows = medians(measured.frames)
+    fma, divisions = operations(scene, measured.truth.exact)
+    count = max(plan.compared)
+    result = []
+    for threads in sorted({peak["threads"] for peak in measured.peaks}):
+        peaks = [p for p in measured.peaks if p["threads"] == threads]
+        seconds = seconds_of(rows, FAST, light_samples=count, threads=threads)
+        fma_peak = float(np.median([p["fma_per_second"] for p in peaks]))
+        division_peak = float(np.median([p["divisions_per_second"] for p in peaks]))
+        result.append(
+            {
+                "threads": threads,
+                "light_samples": count,
+                "fma_per_second": fma_peak,
+                "divisions_per_second": division_peak,
+                "samples_per_second": divisions * count / seconds if seconds else None,
+                "fma_share": fma * count / fma_peak / seconds if seconds else None,
+                "division_share": divisions * count / division_peak / seconds if seconds else None,
+            }
+        )
+    return result
+
+
+# ---------------------------------------------------------------- the targets
+
+
+def ratio(slow: float | None, fast: float | None) -> float | None:
+    return slow / fast if slow and fast else None
+
+
+def targets(measured: Measured, plan: Plan, scene: Scene) -> list[Row]:
+    """Each target: what, unit, at_least, stretch, reached (None: not measured), bound_by, and
+    whether smaller is better."""
+    rows = medians(measured.frames)
+    share = shares(measured, plan, scene)[-1]
+    result = [
+        *_against(rows, plan, "Cycles", {16: (1000, 3000), 64: (2500, 5000), 256: (4000, 6500)}),
+        *_against(rows, plan, "Mitsuba llvm", {256: (200, 400)}),
+        *_against(rows, plan, TEXTBOOK, {256: (40, 75)}),
+        _target(
+            f"share of the FMA peak, N = {share['light_samples']}", "%", 55, 80,
+            _times(share["fma_share"], 100), _arithmetic(share),
+        ),
+        _time_to_error(measured, plan),
+        _exact_frame(rows, plan),
+        *_slopes(measured, plan),
+        _speedup(rows, plan),
+        _process(rows, plan),
+    ]  # fmt: skip
+    return [row for row in result if row is not None]
+
+
+def _target(
+    what: str, unit: str, at_least: float | None, stretch: float | None, reached: float | None,
+    bound_by: str, smaller: bool = False,
+) -> Row:  # fmt: skip
+    return {
+        "what": what,
+        "unit": unit,
+        "at_least": at_least,
+        "stretch": stretch,
+        "reached": reached,
+        "met": None if reached is None or at_least is None
+        else bool(reached <= at_least if smaller else reached >= at_least),
+        "smaller_is_better": smaller,
+        "bound_by": bound_by,
+    }  # fmt: skip
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _against(
+    rows: Sequence[Row], plan: Plan, other: str, wanted: dict[int, tuple[int, int]]
+) -> list[Row]:
+    result = []
+    for count, (at_least, stretch) in wanted.items():
+        if count not in plan.compared:
+            continue
+        ours = seconds_of(rows, FAST, light_samples=count, threads=plan.threads)
+        theirs = seconds_of(rows, other, light_samples=count, threads=plan.threads)
+        what = f"render time, {other} / {FAST}, N = {count}"
+        bound_by = _fixed_cost(rows, plan, count)
+        result.append(_target(what, "×", at_least, stretch, ratio(theirs, ours), bound_by))
+    return result
+
+
+def _fixed_cost(rows: Sequence[Row], plan: Plan, count: int) -> str:
+    """What part of our frame is not samples: the line through the times at the two ends."""
+    low, high = min(plan.compared), max(plan.compared)
+    first, here, last = (
+        seconds_of(rows, FAST, light_samples=n, threads=plan.threads) for n in (low, count, high)
+    )
+    if low == high or not first or not here or not last:
+        return ""
+    fixed = max(0.0, first - (last - first) / (high - low) * low)
+    return f"{min(1, fixed / here):.0%} of our frame is not samples (intercept of time against N)"
+
+
+def _arithmetic(share: Row) -> str:
+    if share["division_share"] is None:
+        return ""
+    return (
+        f"divisions, one a sample, alone take {share['division_share']:.0%} of the time at their "
+        "own measured peak; they are not among the counted operations"
+    )
+
+
+def _time_to_error(measured: Measured, plan: Plan) -> Row | None:
+    target = min(plan.targets)
+    found = [r for r in times_to_targets(measured, plan) if r["target"] == target]
+    theirs = [r["seconds"] for r in found if r["system"] == "Cycles"]
+    ours = [r for r in found if r["system"] not in (*OTHERS, NOISELESS)]
+    if not ours:
+        return None
+    best = min(ours, key=lambda r: float(r["seconds"]))
+    return _target(
+        f"time to {target:.1%} relative RMSE, Cycles / {best['system']}", "×", 20000, 75000,
+        ratio(theirs[0] if theirs else None, best["seconds"]),
+        f"N = {best['light_samples']:.0f}: the point set's slope at shadow edges",
+    )  # fmt: skip
+
+
+def _exact_frame(rows: Sequence[Row], plan: Plan) -> Row:
+    found = [
+        r for r in rows
+        if r["system"] == NOISELESS and r["experiment"] == "samples"
+        and r["threads"] == plan.threads and (r["relative_rmse_all"] or 0) <= 1e-6
+    ]  # fmt: skip
+    said = "" if found else f"the program offers no --estimator {NOISELESS} of that accuracy"
+    reached = min((r["seconds"] for r in found), default=None)
+    return _target(
+        "exact frame, relative RMSE ≤ 1e-6", "ms", 4, 1.5, _times(reached, 1e3), said, smaller=True
+    )
+
+
+def _slopes(measured: Measured, plan: Plan) -> list[Row]:
+    law = Law.of(measured.frames, FAST, plan.threads)
+    return [
+        _target(
+            f"slope of error against N, {FAST}, {region}", "", at_least, None, law.slope(region),
+            f"least squares over N = {law.counts[0]:.0f} to {law.counts[-1]:.0f}", smaller=True,
+        )
+        for region, at_least in (("all", -0.74), ("lit", -1.25))
+    ]  # fmt: skip
+
+
+def _speedup(rows: Sequence[Row], plan: Plan) -> Row | None:
+    found = [
+        ratio(
+            seconds_of(rows, FAST, light_samples=n, threads=1),
+            seconds_of(rows, FAST, light_samples=n, threads=plan.threads),
+        )
+        for n in plan.compared
+        if n >= 64
+    ]
+    values = [value for value in found if value is not None]
+    if not values or plan.threads < 2:
+        return None
+    return _target(
+        f"speed-up from 1 to {plan.threads} threads, N ≥ 64 (the smallest)", "×", 1.85, 1.95,
+        min(values), "",
+    )  # fmt: skip
+
+
+def _process(rows: Sequence[Row], plan: Plan) -> Row:
+    count = min(plan.compared)
+    whole, empty = (
+        seconds_of(rows, name, experiment="process") for name in (WHOLE_PROCESS, EMPTY_PROCESS)
+    )
+    frame = seconds_of(rows, FAST, light_samples=count, threads=plan.threads)
+    parts = (
+        f"{empty * 1e3:.1f} ms start and end, {frame * 1e3:.1f} ms a warm frame, "
+        f"{(whole - empty - frame) * 1e3:.1f} ms the rest: reading the scene, first touch of "
+        "memory, compressing and writing the file"
+        if whole and empty and frame
+        else ""
+    )
+    return _target(
+        f"whole process to an EXR file, N = {count}", "ms", 15, 6, _times(whole, 1e3), parts,
+        smaller=True,
+    )  # fmt: skip
+
+
+def summary(measured: Measured, plan: Plan, scene: Scene) -> dict[str, Any]:
+    """All of the above, for JSON and the page."""
+    rows = medians(measured.frames)
+    laws = {name: Law.of(measured.frames, name, plan.threads) for name in systems(rows)}
+    return {
+        "scene": scene.name,
+        "width": plan.width,
+        "height": plan.height,
+        "threads": plan.threads,
+        "rounds": plan.rounds,
+        "compared": list(plan.compared),
+        "systems": systems(rows),
+        "targets": targets(measured, plan, scene),
+        "medians": rows,
+        "times_to_error": times_to_targets(measured, plan),
+        "slopes": {
+            name: {region: law.slope(region) for region in ("all", "lit")}
+            for name, law in laws.items()
+        },
+        "peak": shares(measured, plan, scene),
+        "operations": {
+            "sample": sum(COUNTED.values()) + COUNTED_WITHOUT_SPHERE,
+            "sample with a sphere": sum(COUNTED.values()) + sum(COUNTED_FOR_A_SPHERE.values()),
+        },
+        "absent": measured.absent,
+    }
