@@ -45,8 +45,8 @@ def reference(
     _check_options(out, samples, parts, seed)
     scene = read_scene(scene_file)
     size = f"{width or scene.width}x{height or scene.height}"
-    decides = f"{scene.hash} {size} {samples // parts} {seed} {antialias} {fingerprint()}"
-    key = hashlib.sha256(decides.encode()).hexdigest()[:12]
+    decides = (scene.name, scene.hash, size, samples // parts, seed, antialias, fingerprint())
+    key = hashlib.sha256(repr(decides).encode()).hexdigest()[:12]
     folder = out.with_name(out.name + ".parts")
     files = [folder / f"part_{key}_{i:02d}.exr" for i in range(parts)]
     blend = out.with_suffix(".blend")
