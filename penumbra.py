@@ -36,7 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # `timeout` and `kill` clean up too
     try:
-        return int(options.run(options))
+        code = int(options.run(options))
+        sys.stdout.flush()  # a short text meets a closed pipe only now
+        return code
     except KeyboardInterrupt:
         print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
         return INTERRUPTED
@@ -44,11 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PASS
     except Exception as error:
-        code = _exit_code(error)
-        if code is None:
+        status = _exit_code(error)
+        if status is None:
             raise
         print(f"penumbra: {error}", file=sys.stderr)
-        return code
+        return status
 
 
 def _exit_code(error: Exception) -> int | None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.law import Law, Row, medians, seconds_of
-from bench.rounds import EMPTY_PROCESS, WHOLE_PROCESS, TEXTBOOK, Measured, Plan
+from bench.rounds import EMPTY_PROCESS, TEXTBOOK, WHOLE_PROCESS, Measured, Plan
 from bench.systems import NOISELESS
 from compare.exact import LIT, PENUMBRA, ExactImage
 from compare.scene import Plane, Scene
