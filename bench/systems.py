@@ -235,7 +235,8 @@ class MitsubaSystem:
             self.shoot(Frame(width, height, 1, threads), picture=False)
         except (SystemFailed, UnsupportedScene) as error:
             self.close()
-            raise Absent(f"{error}{_advice(str(error))}") from error
+            said = str(error).removeprefix(f"{self.name}: ")
+            raise Absent(f"{said}{_advice(said)}") from error
 
     def shoot(self, frame: Frame, picture: bool) -> Shot:
         out = Path(self._folder.name) / "frame.exr"
