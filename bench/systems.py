@@ -179,6 +179,8 @@ class EmbreeSystem:
             self._loop = Loop(scene_file, "embree-loop")
         except NotBuilt as error:
             raise Absent("not built: it needs Debian's libembree-dev, then `make bench`") from error
+        except SystemFailed as error:  # built, but its library has gone since
+            raise Absent(str(error)) from error
         self.version = self._loop.version
 
     def shoot(self, frame: Frame, picture: bool) -> Shot:
