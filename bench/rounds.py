@@ -151,7 +151,7 @@ def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dic
         try:
             system = make()
         except Absent as error:
-            absent[name] = str(error)
+            absent[name] = str(error).replace(f"{ROOT}/", "")  # the page is for other machines
             return
         stack.callback(system.close)
         systems.append(system)
