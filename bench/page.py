@@ -52,15 +52,16 @@ def tables(result: Result) -> str:
     return "\n".join(parts)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Markdown; the first column to the left, the others to the right.
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 0) -> str:
+    """Markdown; numbers to the right, the first column and the last `words` to the left.
 
     >>> print(table(["a", "b"], [["x", "1"]]), end="")
     | a | b |
     | --- | ---: |
     | x | 1 |
     """
-    lines = [list(head), ["---"] + ["---:"] * (len(head) - 1), *map(list, rows)]
+    numbers = len(head) - 1 - words
+    lines = [list(head), ["---"] + ["---:"] * numbers + ["---"] * words, *map(list, rows)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
@@ -118,6 +119,7 @@ def _targets(result: Result) -> str:
              verdict(row), row["bound_by"]]
             for row in result["targets"]
         ],
+        words=2,
     )  # fmt: skip
 
 
@@ -158,7 +160,7 @@ def _times_to_error(result: Result) -> str:
             for row in found
         ]  # fmt: skip
         head = ["system", "ratio", "ms", "N", "error at that N", "time is"]
-        parts.append(f"To {target:.1%}:\n\n" + table(head, rows))
+        parts.append(f"To {target:.1%}:\n\n" + table(head, rows, words=1))
     return "\n".join(parts)
 
 

@@ -224,10 +224,12 @@ def _time_to_error(measured: Measured, plan: Plan) -> Row | None:
     if not ours:
         return None
     best = min(ours, key=lambda r: float(r["seconds"]))
+    slope = Law.of(measured.frames, best["system"], plan.threads).slope("all")
+    falls = "" if slope is None else f"; the error falls as N to the {slope:.2f}"
     return _target(
         f"time to {target:.1%} relative RMSE, Cycles / {best['system']}", "×", 20000, 75000,
         ratio(theirs[0] if theirs else None, best["seconds"]),
-        f"N = {best['light_samples']:.0f}: the point set's slope at shadow edges",
+        f"N = {best['light_samples']:.0f} are needed{falls}",
     )  # fmt: skip
 
 

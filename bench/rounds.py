@@ -151,7 +151,7 @@ def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dic
         try:
             system = make()
         except Absent as error:
-            absent[name] = str(error)
+            absent[name] = str(error).replace(f"{ROOT}/", "")  # the page is for other machines
             return
         stack.callback(system.close)
         systems.append(system)
@@ -252,8 +252,8 @@ def _tasks(
             if quick and system.flexible and count in plan.compared and plan.threads > 1:
                 tasks.append(bench.shoot("samples", system, replace(frame, threads=1), False))
         if system.flexible:
-            a_pixel = seconds[min(plan.compared)] / (plan.width * plan.height)
-            a_pixel *= max(1, SIZE_SAMPLES / min(plan.compared))
+            known = SIZE_SAMPLES if SIZE_SAMPLES in seconds else min(plan.compared)
+            a_pixel = seconds[known] * max(1, SIZE_SAMPLES / known) / (plan.width * plan.height)
             for size in plan.sizes:
                 if a_pixel * math.prod(size) < QUICK_LIMIT:
                     frame = Frame(*size, SIZE_SAMPLES, plan.threads)

@@ -179,6 +179,8 @@ class EmbreeSystem:
             self._loop = Loop(scene_file, "embree-loop")
         except NotBuilt as error:
             raise Absent("not built: it needs Debian's libembree-dev, then `make bench`") from error
+        except SystemFailed as error:  # built, but its library has gone since
+            raise Absent(str(error)) from error
         self.version = self._loop.version
 
     def shoot(self, frame: Frame, picture: bool) -> Shot:
@@ -235,7 +237,8 @@ class MitsubaSystem:
             self.shoot(Frame(width, height, 1, threads), picture=False)
         except (SystemFailed, UnsupportedScene) as error:
             self.close()
-            raise Absent(f"{error}{_advice(str(error))}") from error
+            said = str(error).removeprefix(f"{self.name}: ")
+            raise Absent(f"{said}{_advice(said)}") from error
 
     def shoot(self, frame: Frame, picture: bool) -> Shot:
         out = Path(self._folder.name) / "frame.exr"

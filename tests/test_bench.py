@@ -7,6 +7,7 @@ import csv
 import json
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ from bench import page, results
 from bench.__main__ import main
 from bench.law import Law, medians, round_up
 from bench.mitsuba_scene import UnsupportedScene, mitsuba_scene
-from bench.rounds import Measured, Plan, Truth
-from bench.systems import Frame, Loop, SystemFailed
+from bench.rounds import VARIANTS, Measured, Plan, Truth
+from bench.systems import Absent, EmbreeSystem, Frame, Loop, MitsubaSystem, SystemFailed
 from compare.exact import LIT, exact_image
 from compare.scene import read_scene
 from tests.conftest import ROOT, built
@@ -84,6 +85,30 @@ def test_loop_offers_every_estimator_and_sampler_of_the_program(loop: Loop, rend
             [renderer, f"--{option}", "?", "x", "-o", "y"], capture_output=True, text=True
         )
         assert done.stderr.strip().endswith("is none of " + ", ".join(names))
+
+
+@pytest.mark.parametrize("body", [None, "echo no library >&2; exit 127"])
+def test_embree_that_is_missing_or_does_not_start_is_absent(
+    body: str | None, scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.systems.ROOT", tmp_path)
+    if body:
+        script = tmp_path / "build/bin/embree-loop"
+        script.parent.mkdir(parents=True)
+        script.write_text(f"#!/bin/sh\n{body}\n")
+        script.chmod(0o755)
+    with pytest.raises(Absent, match="no library" if body else "libembree-dev"):
+        EmbreeSystem(scenes / "tp3.json")
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_python_without_mitsuba_makes_it_absent(variant: str, scenes: Path, tmp_path: Path) -> None:
+    """-S -E: an interpreter that sees no installed package."""
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -S -E "$@"\n')
+    python.chmod(0o755)
+    with pytest.raises(Absent, match="bench-extras"):
+        MitsubaSystem(scenes / "tp3.json", 6, 4, 1, variant, str(python))
 
 
 def test_loop_ends_with_a_sentence_for_a_request_that_is_none(loop: Loop) -> None:
