@@ -162,7 +162,7 @@ def _answer_text(entry: Mapping[str, Any]) -> str:
         )
     for other in entry["others"]:
         if other["seconds"] is None:
-            text += f" {other['name'][:1].upper()}{other['name'][1:]} does not get there."
+            text += f" {other['name'][:1].upper()}{other['name'][1:]} did not get there."
             continue
         n = other["light_samples"]
         if other["extrapolated"]:

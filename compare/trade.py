@@ -37,6 +37,8 @@ TARGETS = (0.03, 0.01, 0.003, 0.001)
 MAX_SECONDS = 0.1
 """A method's N grow until a frame takes longer. With the rest it makes tp3 take about a
 minute on two cores."""
+FEWEST = 4
+"""N of every method that are measured however long they take: a curve to extrapolate from."""
 TRIES = 3
 """Frames that must all be too slow, in case the machine was busy with something else."""
 WARM_BELOW = 0.02
@@ -114,6 +116,8 @@ def trade(study: Study) -> dict[str, Any]:
         raise TradeError("--width and --height go together")
     for file in study.verify:
         read_scene(file)  # or the mistake shows after a minute
+    if study.cycles is not None:
+        study.cycles.fingerprint()  # says at once if Blender is missing
     threads = tuple(sorted(set(study.threads) or {1, provenance.cores()}))
     bench = _Bench(study, study.scene_file)
     frames = _frames(bench, _grid(bench, threads))
@@ -219,10 +223,11 @@ class Frame:
 def _grid(bench: _Bench, threads: Sequence[int], most: float | None = None) -> list[list[Setting]]:
     """For each image its settings, which differ in threads alone, the most threads first.
 
-    Each method's N grow until a frame on the most threads takes longer than `most` seconds.
+    Each method's N grow, from FEWEST on until a frame on the most threads takes longer than
+    `most` seconds.
     """
     most = most or bench.study.max_seconds
-    renderer, first = bench.renderer, min(bench.study.light_samples)
+    renderer, fewest = bench.renderer, sorted(bench.study.light_samples)[:FEWEST]
     images: list[Setting] = []
     for estimator in filter(renderer.can, renderer.estimators):
         if not renderer.uses_samples(estimator):
@@ -232,7 +237,7 @@ def _grid(bench: _Bench, threads: Sequence[int], most: float | None = None) -> l
             for n in bench.study.light_samples:
                 setting = Setting(sampler, estimator, n, threads[-1])
                 tries = (renderer.render(setting, 0) for _ in range(TRIES))
-                if n > first and not any(seconds <= most for seconds in tries):
+                if n not in fewest and not any(seconds <= most for seconds in tries):
                     break
                 images.append(setting)
     return [[replace(s, threads=t) for t in reversed(threads)] for s in images]

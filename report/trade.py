@@ -71,7 +71,8 @@ def _section(measured: dict[str, Any]) -> dict[str, Any]:
             f"Scene {measured['scene']}, {measured['width']} × {measured['height']}, M = 1. "
             f"Medians of {measured['seeds']} frames of each setting, which took turns; errors are "
             f"relative RMSE against the exact solution over the same frames. Time: "
-            f"{measured['clock']}; for Cycles its own render time, all cores, in one process too."
+            f"{measured['clock']}; for Cycles its own render time on every core, in one process "
+            "too."
         ),
         "confidence": percent(measured["confidence"]),
         "threads": most,
