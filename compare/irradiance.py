@@ -380,7 +380,7 @@ def _arcs_inside(polygon: Polygon, normal: np.ndarray, caps: Caps) -> tuple[np.n
         half = np.concatenate([half, other_half], axis=2)
 
     turn = 2 * np.pi
-    start = np.where(half < np.pi, np.mod(middle - half, turn), 0)
+    start = np.mod(middle - half, turn)
     start = np.concatenate([start, start - turn], axis=2)
     end = start + 2 * np.concatenate([half, half], axis=2)
     zero = np.zeros((*axis.shape[:2], 1))
