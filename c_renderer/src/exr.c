@@ -60,6 +60,19 @@ static exr_result_t write_header(exr_context_t exr, const ExrImage *image)
     return result ? result : exr_write_header(exr);
 }
 
+typedef exr_result_t (*Compress)(exr_encode_pipeline_t *);
+
+/* OpenEXRCore 3.1's own compression, but for a chunk that it makes not one byte shorter: it stores
+ * that one compressed, and readers take a chunk of the raw length for raw. */
+static exr_result_t compress(exr_encode_pipeline_t *encoder)
+{
+    const Compress *library = encoder->encoding_user_data;
+    exr_result_t result = (*library)(encoder);
+    if (!result && encoder->compressed_bytes == encoder->packed_bytes)
+        memcpy(encoder->compressed_buffer, encoder->packed_buffer, encoder->packed_bytes);
+    return result;
+}
+
 /* One chunk of rows: OpenEXR takes the pixels from our planes as they lie there. */
 static exr_result_t write_rows(exr_context_t exr, int y, const ExrImage *image)
 {
@@ -80,6 +93,9 @@ static exr_result_t write_rows(exr_context_t exr, int y, const ExrImage *image)
         encoder.channels[c].user_line_stride = settings->width * (int32_t)sizeof(float);
     }
     result = exr_encoding_choose_default_routines(exr, 0, &encoder);
+    Compress library = encoder.compress_fn;
+    encoder.encoding_user_data = &library;
+    encoder.compress_fn = compress;
     if (!result)
         result = exr_encoding_run(exr, 0, &encoder);
     exr_encoding_destroy(exr, &encoder);
