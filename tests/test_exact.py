@@ -611,7 +611,7 @@ def test_light_that_lies_or_stands_on_an_oblique_plane_is_whole():
         ceiling = quad(*(turn @ v for v in ((1, 5, -1), (-2, 0, 0), (0.3, 0, 2))))
         upright = quad(*(turn @ v for v in ((3, 0, -1), (0, 2, 0), (0, 0.5, 2))))
         light_planes = [
-            (turn @ (x, y, z) + shift, turn @ UP) for x, y, z in ((7, 0, 2), (-4, 5, 3))
+            (turn @ (x, y, z) + shift, turn @ UP) for x, y, z in ((7, 0, 2), (-9, 0, 1), (-4, 5, 3))
         ]
         for light in (ceiling, upright):
             light = dataclasses.replace(light, corner=tuple(light.corner + shift))
