@@ -61,11 +61,11 @@ $(1)/obj/%.o: c_renderer/src/%.c Makefile pyproject.toml | build/setup.$(2)
 
 $(1)/bin/penumbra-render: $(C_NAMES:%=$(1)/obj/%.o)
 	@mkdir -p $$(@D)
-	$(3) $$(C_FLAGS) $(4) $$^ $$(LIB_LDFLAGS) -o $$@
+	$(3) $$(C_FLAGS) $(4) $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
 $(1)/lib/libpenumbra.so: $(patsubst %,$(1)/obj/%.o,$(filter-out main,$(C_NAMES)))
 	@mkdir -p $$(@D)
-	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@
+	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
 # Fused multiply-add where it pays; elsewhere, and so in the scene reader, C99's plain arithmetic.
 $(1)/obj/kernel.o $(1)/obj/light_packet.o $(1)/obj/packet.o: C_FLAGS += -ffp-contract=fast
