@@ -19,8 +19,8 @@ TOUCH = 1e-12
 which rounding decides: a light that lies in a plane is not behind it, a light that stands on
 the receiver's plane is not below its horizon, a sliver that thin hides or shows nothing."""
 ROUNDING = 16 * np.finfo(np.float64).eps
-"""Bound on the rounding error per radian of outline: 20 times the largest that was measured
-(docs/exact.md)."""
+"""Bound on the rounding error per radian of outline: over ten times the largest that was
+measured (docs/exact.md)."""
 CHUNK = 1 << 20
 """Numbers in one temporary array: 8 MiB."""
 
