@@ -74,6 +74,13 @@ typedef struct { real r[16], g[16], b[16]; } RgbPacket;
 typedef struct {
     int nb_hits; int object[16]; Vec3Packet point; Vec3Packet normal; RgbPacket brdf;
 } HitPacket;
+void packet_hit(const Scene *scene, const real *x, const real *y, int width, int height,
+                HitPacket *hits);
+void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPacket *hits,
+                       double *irradiance);
+int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const HitPacket *hits,
+                               double *irradiance, int *known);
+void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket *radiance);
 """
 
 ffi = cffi.FFI()

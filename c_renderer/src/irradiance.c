@@ -119,8 +119,8 @@ typedef struct {
 static Boundary edge_outside_caps(const Shadowed *s, int k, double *hidden)
 {
     const Vec3d side = s->outline->side[k];
-    const Vec3d middle = vec3d_unit(vec3d_add(vec3d_unit(s->outline->corner[k]),
-                                              vec3d_unit(outline_next(s->outline, k))));
+    const Vec3d middle = vec3d_unit(
+        vec3d_add(vec3d_unit(s->outline->corner[k]), vec3d_unit(outline_next(s->outline, k))));
     const double half = 0.5 * edge_angle(s->outline, k);
     Intervals shown = {.count = 0};
     *hidden = 0;
@@ -130,8 +130,8 @@ static Boundary edge_outside_caps(const Shadowed *s, int k, double *hidden)
         if (root <= 0)
             continue;
         double reach = atan2(root, cap->cosine);
-        double center = atan2(vec3d_dot(middle, vec3d_cross(cap->axis, side)),
-                              vec3d_dot(middle, cap->axis));
+        double center =
+            atan2(vec3d_dot(middle, vec3d_cross(cap->axis, side)), vec3d_dot(middle, cap->axis));
         double start = fmin(fmax(center - reach, -half), half);
         double end = fmin(fmax(center + reach, -half), half);
         intervals_add(&shown, start, end);
@@ -277,31 +277,35 @@ double irradiance_quad(const Scene *scene, const QuadLight *light, const Hit *hi
     return value;
 }
 
-static Rgb point_lighting(const Scene *scene, const Light *light, const Hit *hit)
+static Rgb point_light(const Scene *scene, const Light *light, const Hit *hit)
 {
     LightSample sample = light_sample(light, hit->point, (Uniform2){0, 0});
     real cos_surface = vec3_dot(hit->normal, sample.direction);
     Ray shadow_ray = {hit->point, sample.direction};
     if (cos_surface <= 0 || scene_occluded(scene, shadow_ray, sample.distance, hit->object))
         return (Rgb){0, 0, 0};
-    return rgb_scale(sample.radiance, cos_surface);
+    return rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface);
+}
+
+Rgb exact_light(const Scene *scene, int light, const Hit *hit)
+{
+    const Light *from = &scene->lights[light];
+    switch (from->type) {
+    case LIGHT_POINT:
+        return point_light(scene, from, hit);
+    case LIGHT_QUAD: {
+        const QuadLight *quad = &from->shape.quad;
+        const double irradiance = irradiance_quad(scene, quad, hit, NULL);
+        return rgb_scale(rgb_mul(hit->brdf, quad->radiance), (real)irradiance);
+    }
+    }
+    return (Rgb){0, 0, 0};
 }
 
 Rgb exact_lighting(const Scene *scene, const Hit *hit)
 {
     Rgb sum = {0, 0, 0};
-    for (int i = 0; i < scene->nb_lights; i++) {
-        const Light *light = &scene->lights[i];
-        switch (light->type) {
-        case LIGHT_POINT:
-            sum = rgb_add(sum, point_lighting(scene, light, hit));
-            break;
-        case LIGHT_QUAD: {
-            double irradiance = irradiance_quad(scene, &light->shape.quad, hit, NULL);
-            sum = rgb_add(sum, rgb_scale(light->shape.quad.radiance, (real)irradiance));
-            break;
-        }
-        }
-    }
-    return rgb_mul(hit->brdf, sum);
+    for (int light = 0; light < scene->nb_lights; light++)
+        sum = rgb_add(sum, exact_light(scene, light, hit));
+    return sum;
 }

@@ -14,7 +14,10 @@
 double irradiance_quad(const Scene *scene, const QuadLight *light, const Hit *hit,
                        double *error_bound);
 
-/* direct_lighting's limit for infinitely many samples: L_o = sum over all lights [W m^-2 sr^-1]. */
+/* direct_lighting's limit for infinitely many samples: the sum over all lights [W m^-2 sr^-1]. */
 Rgb exact_lighting(const Scene *scene, const Hit *hit);
+
+/* One light's part. */
+Rgb exact_light(const Scene *scene, int light, const Hit *hit);
 
 #endif

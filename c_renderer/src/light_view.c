@@ -82,8 +82,8 @@ static bool outline_clip(Outline *outline, HalfSpace half_space)
             continue;
         const Vec3d crossing = outline_crossing(outline, k, height[k], next_height);
         const Vec3d along_cut = {half_space.normal.y, -half_space.normal.x, 0};
-        const Vec3d cut_side = half_space.offset > 0 ? vec3d_cross(crossing, along_cut)
-                                                     : half_space.normal;
+        const Vec3d cut_side =
+            half_space.offset > 0 ? vec3d_cross(crossing, along_cut) : half_space.normal;
         left.corner[left.nb_corners] = crossing;
         left.side[left.nb_corners++] = inside ? vec3d_unit(cut_side) : outline->side[k];
     }
@@ -192,8 +192,7 @@ static void see_planes(const Scene *scene, const QuadFrame *frame, const Hit *hi
     }
 }
 
-static void see_spheres(const Scene *scene, const QuadFrame *frame, const Hit *hit,
-                        LightView *view)
+static void see_spheres(const Scene *scene, const QuadFrame *frame, const Hit *hit, LightView *view)
 {
     const Vec3d point = vec3d_from(hit->point);
     for (int k = 0; k < scene->nb_spheres && view->outline.nb_corners; k++) {
