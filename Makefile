@@ -68,7 +68,7 @@ $(1)/lib/libpenumbra.so: $(patsubst %,$(1)/obj/%.o,$(filter-out main,$(C_NAMES))
 	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
 # Fused multiply-add where it pays; elsewhere, and so in the scene reader, C99's plain arithmetic.
-$(1)/obj/kernel.o $(1)/obj/light_packet.o $(1)/obj/packet.o: C_FLAGS += -ffp-contract=fast
+$(addprefix $(1)/obj/,kernel.o light_packet.o packet.o irradiance_packet.o): C_FLAGS += -ffp-contract=fast
 
 -include $(C_NAMES:%=$(1)/obj/%.d)
 endef

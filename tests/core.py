@@ -57,6 +57,30 @@ typedef struct { Rgb radiance; Rgb variance; } Estimate;
 typedef struct { double sum[3], sum_of_squares[3]; int count; } Moments;
 void moments_add(Moments *moments, Rgb value);
 Estimate moments_estimate(const Moments *moments);
+
+typedef struct { Vec3 position; Vec3 forward, right, up; real tan_half_fov_y; } Camera;
+typedef struct {
+    char name[41]; char hash[17]; int width, height; Camera camera; Rgb background;
+    real ray_max_distance; int nb_spheres, nb_planes, nb_lights;
+    Sphere *spheres; Plane *planes; Light *lights;
+} Scene;
+typedef struct { int object; Vec3 point; Vec3 normal; Rgb brdf; } Hit;
+double irradiance_quad(const Scene *scene, const QuadLight *light, const Hit *hit,
+                       double *error_bound);
+Rgb exact_lighting(const Scene *scene, const Hit *hit);
+
+typedef struct { real x[16], y[16], z[16]; } Vec3Packet;
+typedef struct { real r[16], g[16], b[16]; } RgbPacket;
+typedef struct {
+    int nb_hits; int object[16]; Vec3Packet point; Vec3Packet normal; RgbPacket brdf;
+} HitPacket;
+void packet_hit(const Scene *scene, const real *x, const real *y, int width, int height,
+                HitPacket *hits);
+void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPacket *hits,
+                       double *irradiance);
+int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const HitPacket *hits,
+                               double *irradiance, int *known);
+void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket *radiance);
 """
 
 ffi = cffi.FFI()

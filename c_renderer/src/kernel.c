@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "estimator.h"
+#include "irradiance_packet.h"
 
 /* The sample loop is written once and compiled for each combination of its constant arguments;
  * the compiler is asked to do so, and is right without. */
@@ -173,26 +174,10 @@ void kernel_sum(const LightPacket *light, const PointSet *set, RngStream first, 
     }
 }
 
-static void quad_estimate(const LightPacket *light, Rgb radiance, const HitPacket *restrict hits,
-                          const PointSet *set, RngStream first, uint32_t dimension,
-                          EstimatePacket *restrict result)
+/* Adds f_r L_e times a mean [sr] and its variance. */
+static void add_light(Rgb radiance, const HitPacket *restrict hits, const real mean[LANES],
+                      const real variance[LANES], EstimatePacket *restrict result)
 {
-    double sum[LANES] = {0}, sum_of_squares[LANES] = {0};
-    kernel_sum(light, set, first, dimension, sum, sum_of_squares);
-
-    const double n = set->count;
-    const double to_variance =
-        set->sampler == SAMPLER_INDEPENDENT && set->count > 1 ? 1 / (n - 1) / n : 0;
-    const double to_mean = 1 / n;
-    real mean[LANES], variance[LANES];
-    SIMD for (int i = 0; i < LANES; i++)
-    {
-        double average = sum[i] * to_mean, scale = (double)light->scale[i];
-        double scatter = sum_of_squares[i] - sum[i] * average;
-        scatter = scatter > 0 ? scatter : 0;
-        mean[i] = (real)(scale * average);
-        variance[i] = (real)(scale * scale * scatter * to_variance);
-    }
     SIMD for (int i = 0; i < LANES; i++)
     {
         real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
@@ -204,6 +189,37 @@ static void quad_estimate(const LightPacket *light, Rgb radiance, const HitPacke
         result->variance.g[i] += g * g * variance[i];
         result->variance.b[i] += b * b * variance[i];
     }
+}
+
+static void quad_estimate(const LightPacket *light, const PointSet *set, RngStream first,
+                          uint32_t dimension, real mean[LANES], real variance[LANES])
+{
+    double sum[LANES] = {0}, sum_of_squares[LANES] = {0};
+    kernel_sum(light, set, first, dimension, sum, sum_of_squares);
+
+    const double n = set->count;
+    const double to_variance =
+        set->sampler == SAMPLER_INDEPENDENT && set->count > 1 ? 1 / (n - 1) / n : 0;
+    const double to_mean = 1 / n;
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        double average = sum[i] * to_mean, scale = (double)light->scale[i];
+        double scatter = sum_of_squares[i] - sum[i] * average;
+        scatter = scatter > 0 ? scatter : 0;
+        mean[i] = (real)(scale * average);
+        variance[i] = (real)(scale * scale * scatter * to_variance);
+    }
+}
+
+/* Puts the closed form over the samples' answer where it is known. */
+static void prefer_known(const double irradiance[LANES], const int known[LANES], real mean[LANES],
+                         real variance[LANES])
+{
+    for (int i = 0; i < LANES; i++)
+        if (known[i]) {
+            mean[i] = (real)irradiance[i];
+            variance[i] = 0;
+        }
 }
 
 void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
@@ -228,19 +244,37 @@ void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const
 }
 
 void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
-                            RngStream first, EstimatePacket *result)
+                            bool hybrid, RngStream first, EstimatePacket *result)
 {
     memset(result, 0, sizeof *result);
     for (int i = 0; i < scene->nb_lights && hits->nb_hits; i++) {
         const Light *light = &scene->lights[i];
+        const QuadLight *quad = &light->shape.quad;
+        real mean[LANES] = {0}, variance[LANES] = {0};
+        double irradiance[LANES];
+        int known[LANES] = {0}, nb_unknown = LANES;
+        if (light->type == LIGHT_QUAD && hybrid)
+            nb_unknown = irradiance_packet_of_plain(scene, quad, hits, irradiance, known);
+
         LightPacket packet;
-        Seen seen = SEEN_STRANGE;
-        if (light->type == LIGHT_QUAD)
-            seen = light_packet_see(scene, &light->shape.quad, hits, &packet);
-        if (seen == SEEN_SAMPLED)
-            quad_estimate(&packet, light->shape.quad.radiance, hits, points, first, (uint32_t)i + 1,
-                          result);
-        else if (seen == SEEN_STRANGE)
+        Seen seen = light->type == LIGHT_QUAD ? SEEN_NOT : SEEN_STRANGE;
+        if (light->type == LIGHT_QUAD && nb_unknown)
+            seen = light_packet_see(scene, quad, hits, &packet);
+        if (seen == SEEN_STRANGE) {
             kernel_textbook(scene, i, hits, points, first, result);
+            continue;
+        }
+        if (seen == SEEN_SAMPLED)
+            quad_estimate(&packet, points, first, (uint32_t)i + 1, mean, variance);
+        if (light->type == LIGHT_QUAD && hybrid)
+            prefer_known(irradiance, known, mean, variance);
+        add_light(quad->radiance, hits, mean, variance, result);
     }
+}
+
+void kernel_exact_lighting(const Scene *scene, const HitPacket *hits, EstimatePacket *result)
+{
+    memset(result, 0, sizeof *result);
+    if (hits->nb_hits)
+        exact_lighting_packet(scene, hits, &result->radiance);
 }

@@ -3,6 +3,8 @@
 #ifndef PENUMBRA_KERNEL_H
 #define PENUMBRA_KERNEL_H
 
+#include <stdbool.h>
+
 #include "light_packet.h"
 #include "sampling.h"
 
@@ -12,9 +14,13 @@ typedef struct {
 } EstimatePacket;
 
 /* direct_lighting for each lane that hits something, 0 for the others. Lane i belongs to pixel
- * first.pixel + i. The variance holds for SAMPLER_INDEPENDENT alone, and is 0 else. */
+ * first.pixel + i. The variance holds for SAMPLER_INDEPENDENT alone, and is 0 else. hybrid: a light
+ * that a lane surely sees whole or not at all is not sampled, but known in closed form. */
 void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
-                            RngStream first, EstimatePacket *result);
+                            bool hybrid, RngStream first, EstimatePacket *result);
+
+/* The limit of infinitely many samples, and variance 0. */
+void kernel_exact_lighting(const Scene *scene, const HitPacket *hits, EstimatePacket *result);
 
 /* The pieces. Sums of (n . w) / |w|^4 and of their squares over the visible samples of one light,
  * added to sum and sum_of_squares; times light->scale they are light samples with f_r L_e = 1. */

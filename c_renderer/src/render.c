@@ -7,7 +7,8 @@
 #include "estimator.h"
 
 const char *const RENDER_SAMPLER_NAMES[3] = {"independent", "jittered", "sobol"};
-const char *const RENDER_ESTIMATOR_NAMES[3] = {"area", "textbook", "solid-angle"};
+const char *const RENDER_ESTIMATOR_NAMES[5] = {"area", "textbook", "solid-angle", "hybrid",
+                                               "exact"};
 
 /* The image being made, and what it is made from. */
 typedef struct {
@@ -84,8 +85,11 @@ static void packet_radiance(const Job *job, const real x[LANES], const real y[LA
     packet_hit(job->scene, x, y, job->settings->width, job->settings->height, &hits);
     if (job->target)
         adaptive_direct_lighting(job->scene, &hits, job->target, first, result, spent);
+    else if (job->settings->estimator == ESTIMATOR_EXACT)
+        kernel_exact_lighting(job->scene, &hits, result);
     else
-        kernel_direct_lighting(job->scene, &hits, job->points, first, result);
+        kernel_direct_lighting(job->scene, &hits, job->points,
+                               job->settings->estimator == ESTIMATOR_HYBRID, first, result);
     if (hits.nb_hits == LANES)
         return;
     SIMD for (int i = 0; i < LANES; i++)
@@ -197,6 +201,8 @@ static RenderSpent render_one_row(const Job *job, int y)
         render_row(job, y);
         return (RenderSpent){0, 0};
     case ESTIMATOR_AREA:
+    case ESTIMATOR_HYBRID:
+    case ESTIMATOR_EXACT:
         break;
     }
     return render_row_in_packets(job, y);
@@ -245,7 +251,7 @@ RenderSpent render_to_target(const Scene *scene, const RenderSettings *settings,
 
 bool render_knows_variance(const Scene *scene, const RenderSettings *settings)
 {
-    if (settings->samples_per_pixel > 1)
+    if (settings->samples_per_pixel > 1 || settings->estimator == ESTIMATOR_EXACT)
         return true;
     if (settings->nb_light_samples > 1 && settings->sampler == SAMPLER_INDEPENDENT)
         return true;
