@@ -253,8 +253,8 @@ def holm(p: np.ndarray) -> np.ndarray:
     """Adjusted p-values: rejecting those <= alpha makes one false alarm or more, in the whole
     family, with probability alpha at most, however the tests depend on each other (Holm 1979).
 
-    >>> holm(np.array([0.01, 0.04, 0.02]))
-    array([0.03, 0.04, 0.04])
+    >>> holm(np.array([0.01, 0.04, 0.02])).tolist()
+    [0.03, 0.04, 0.04]
     """
     p = np.asarray(p, dtype=np.float64)
     order = np.argsort(p)
@@ -269,8 +269,8 @@ def benjamini_hochberg(p: np.ndarray) -> np.ndarray:
     false alarms, for independent tests (Benjamini, Hochberg 1995); and if nothing at all is
     wrong, anything is rejected with probability q at most.
 
-    >>> benjamini_hochberg(np.array([0.01, 0.04, 0.02]))
-    array([0.03, 0.04, 0.03])
+    >>> benjamini_hochberg(np.array([0.01, 0.04, 0.02])).tolist()
+    [0.03, 0.04, 0.03]
     """
     p = np.asarray(p, dtype=np.float64)
     return stats.false_discovery_control(p) if p.size else p
