@@ -153,7 +153,7 @@ build/agreement/%_c_cycles.json: $$(call ours,$$*) build/reference/%.exr scenes/
 # A run that was stopped goes on where it was. Without Cycles: our curves alone.
 CONVERGE = $(PENUMBRA) converge $< -o build/convergence/tp3 --pixel-samples 1,16
 build/convergence/tp3.csv build/convergence/tp3.json &: scenes/tp3.json $(RENDER) $(COMPARE)
-	$(CONVERGE) --cycles || { [ $$? -eq 3 ] && $(CONVERGE); }
+	$(CONVERGE) --cycles 1..64 || { [ $$? -eq 3 ] && $(CONVERGE); }
 
 build/speedup.csv build/speedup.json &: scenes/tp3.json $(RENDER) $(COMPARE)
 	$(PENUMBRA) speedup $< -o build/speedup.csv

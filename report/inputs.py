@@ -109,7 +109,7 @@ COMPARISONS: tuple[Input, ...] = tuple(c for scene in SCENES for c in _compariso
 
 _CONVERGE = (
     "penumbra converge scenes/tp3.json -o build/convergence/tp3 "
-    f"--pixel-samples 1,{PIXEL_SAMPLES} --cycles"
+    f"--pixel-samples 1,{PIXEL_SAMPLES} --cycles 1..64"
 )
 CONVERGENCE_CSV = Input("convergence/tp3.csv", _CONVERGE, "tp3")
 CONVERGENCE = Input("convergence/tp3.json", _CONVERGE, "tp3")
