@@ -167,29 +167,28 @@ static void add_angles(Intervals *set, double middle, double half)
     intervals_add(set, 0, end - 2 * PI);
 }
 
-/* The part of circle i that cap j covers. The determinant of the three cosines says whether two
- * circles meet; as a product it keeps its digits for small caps:
- * sin s sin(s - t) sin(s - a) sin(s - b), s = (t + a + b) / 2. */
+/* The part of circle i that cap j covers. Its half-width is an angle of the spherical triangle
+ * whose sides are the two caps' half-angles and the angle between their axes; from the half-angle
+ * formula it keeps its digits in small triangles, and is 0 or pi where there is no triangle. */
 static void add_other_cap(Intervals *covered, const Shadowed *shadowed, int i, int j)
 {
     const Cap *cap = &shadowed->cap[i], *other = &shadowed->cap[j];
-    double cos_apart = vec3d_dot(cap->axis, other->axis);
-    double apart = atan2(vec3d_length(vec3d_cross(cap->axis, other->axis)), cos_apart);
-    bool covers = apart + cap->angle <= other->angle + VIEW_TOUCH;
-    bool is_covered = apart + other->angle <= cap->angle + VIEW_TOUCH;
-    if (covers && is_covered) /* of two equal caps the first one counts */
-        covers = j < i;
-    if (covers) {
+    double apart =
+        atan2(vec3d_length(vec3d_cross(cap->axis, other->axis)), vec3d_dot(cap->axis, other->axis));
+    bool within = apart + cap->angle <= other->angle * (1 + VIEW_TOUCH);
+    bool around = apart + other->angle <= cap->angle * (1 + VIEW_TOUCH);
+    if (within && around) /* of two equal caps the first one counts */
+        within = j < i;
+    if (within)
         add_angles(covered, 0, PI);
+    if (within || around)
         return;
-    }
     double s = 0.5 * (apart + cap->angle + other->angle);
-    double product = sin(s) * sin(s - apart) * sin(s - cap->angle) * sin(s - other->angle);
-    if (is_covered || product <= 0)
-        return;
-    double half = atan2(2 * sqrt(product), other->cosine - cos_apart * cap->cosine);
-    add_angles(covered, atan2(vec3d_dot(other->axis, cap->b2), vec3d_dot(other->axis, cap->b1)),
-               half);
+    double adjacent = sin(s) * sin(fmax(s - other->angle, 0));
+    double opposite = sin(fmax(s - apart, 0)) * sin(fmax(s - cap->angle, 0));
+    double half = 2 * atan2(sqrt(opposite), sqrt(adjacent));
+    double middle = atan2(vec3d_dot(other->axis, cap->b2), vec3d_dot(other->axis, cap->b1));
+    add_angles(covered, middle, half);
 }
 
 /* What is left of cap i's circle inside the outline and outside the other caps. With

@@ -7,7 +7,7 @@
 #include "light_view.h"
 
 /* Requests that the compiler is right without. NEAR_AND_FAR: written once and compiled for both,
- * as in kernel.c. ALIGNED: no vector lies across two cache lines (a third faster). */
+ * as in kernel.c. ALIGNED: no vector lies across two cache lines. */
 #if defined(__GNUC__)
 #define NEAR_AND_FAR inline __attribute__((always_inline))
 #define ALIGNED __attribute__((aligned(64)))
@@ -153,7 +153,7 @@ static void see_quad(const QuadLight *light, const HitPacket *restrict hits,
         /* n . w is linear on the light: its extremes are at the corners */
         double middle = nx * mx + ny * my + nz * h;
         double spread = fabs(nx * (0.5 * f.ux)) + fabs(nx * (0.5 * f.vx) + ny * (0.5 * f.vy));
-        double lit = h > 0 ? hit[i] : 0;
+        double lit = h > VIEW_TOUCH * (fabs(mx) + fabs(my)) ? hit[i] : 0;
         lit = middle + spread > 0 ? lit : 0;
         view->cut[i] = middle < spread ? lit : 0;
         view->lit[i] = lit;
@@ -203,7 +203,12 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
     const QuadFrame f = view->frame;
     const double start_x[4] = {0, f.ux, f.ux + f.vx, f.vx}, start_y[4] = {0, 0, f.vy, f.vy};
     const double edge_x[4] = {f.ux, f.vx, -f.ux, -f.vx}, edge_y[4] = {0, f.vy, 0, -f.vy};
-    Lanes sum, down_x, down_y, up_x, up_y;
+    Lanes sum, down_x, down_y, up_x, up_y, heights[4];
+    for (int k = 0; k < 4; k++) {
+        SIMD for (int i = 0; i < LANES; i++) heights[k][i] =
+            view->nx[i] * (view->x[i] + start_x[k]) + view->ny[i] * (view->y[i] + start_y[k]) +
+            view->nz[i] * view->h[i];
+    }
     SIMD for (int i = 0; i < LANES; i++)
     {
         sum[i] = 0;
@@ -212,12 +217,13 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
     }
     for (int k = 0; k < 4; k++) {
         const double ex = edge_x[k], ey = edge_y[k], ee = ex * ex + ey * ey;
+        const double *first = heights[k], *last = heights[(k + 1) % 4];
         SIMD for (int i = 0; i < LANES; i++)
         {
             double h = view->h[i], nx = view->nx[i], ny = view->ny[i], nz = view->nz[i];
             double x = view->x[i] + start_x[k], y = view->y[i] + start_y[k];
-            double height = nx * x + ny * y + nz * h, rise = nx * ex + ny * ey;
-            double end = height + rise;
+            /* decided at the corners, so that two edges never disagree */
+            double height = first[i], end = last[i], rise = end - height;
             double t0 = (height < 0 ? -height : 0) / (height < 0 ? rise : 1);
             double t1 = (end < 0 ? -height : 1) / (end < 0 ? rise : 1);
             t0 = t0 > 0 ? (t0 < 1 ? t0 : 1) : 0;
@@ -426,12 +432,14 @@ static void see_plane(const Plane *plane, int object, const QuadLight *light,
     SIMD for (int i = 0; i < LANES; i++) other[i] = hits->object[i] == object ? 0.0 : 1.0;
     SIMD for (int i = 0; i < LANES; i++)
     {
-        double side = n.x * ((double)hits->point.x[i] - p.x) +
-                      n.y * ((double)hits->point.y[i] - p.y) +
-                      n.z * ((double)hits->point.z[i] - p.z);
-        double clear = side > 0 ? above : side < 0 ? below : 0;
-        double hidden = side > 0 ? below : side < 0 ? above : 0;
-        view->hard[i] += view->lit[i] * other[i] * (1 - clear) * (1 - hidden);
+        double dx = (double)hits->point.x[i] - p.x, dy = (double)hits->point.y[i] - p.y,
+               dz = (double)hits->point.z[i] - p.z;
+        double side = n.x * dx + n.y * dy + n.z * dz;
+        double touch = VIEW_TOUCH * (fabs(dx) + fabs(dy) + fabs(dz));
+        double clear = side > touch ? above : side < -touch ? below : 0;
+        double hidden = side > touch ? below : side < -touch ? above : 0;
+        double unsure = view->lit[i] * other[i] * (1 - clear) * (1 - hidden);
+        view->hard[i] = unsure > 0 ? 1 : view->hard[i];
         view->lit[i] *= 1 - other[i] * hidden;
     }
 }
@@ -617,7 +625,9 @@ void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPack
             hide_cone(&view, &caps[k], irradiance, false);
     }
     clear_unlit(&view, irradiance);
-    for (int i = 0; i < LANES && any(view.hard); i++) {
+    if (!any(view.hard))
+        return;
+    for (int i = 0; i < LANES; i++) {
         const Hit hit = packet_lane(hits, i);
         if (view.hard[i] > 0 && view.lit[i] > 0)
             irradiance[i] = irradiance_quad(scene, light, &hit, NULL);

@@ -25,8 +25,10 @@ static Outline quad_outline(const QuadFrame *frame, Vec3d corner)
 {
     const Vec3d u = {frame->ux, 0, 0}, v = {frame->vx, frame->vy, 0};
     const Vec3d edge[4] = {u, v, vec3d_scale(u, -1), vec3d_scale(v, -1)};
+    const double reach = vec3d_length(corner) + frame->ux + vec3d_length(v);
     Outline outline;
-    outline.nb_corners = corner.z > 0 ? 4 : 0; /* the light shines on one side */
+    /* the light shines on one side, and not on its own plane */
+    outline.nb_corners = corner.z > VIEW_TOUCH * reach ? 4 : 0;
     for (int k = 0; k < outline.nb_corners; k++) {
         outline.corner[k] = corner;
         outline.side[k] = vec3d_unit(vec3d_cross(corner, edge[k]));
@@ -112,13 +114,18 @@ static double outline_distance(const Outline *outline, Vec3d place)
 
 typedef enum { HIDES_NONE, HIDES_SOME, HIDES_ALL } Effect;
 
-/* From inside a ball one sees only what is in it as well. */
-static Effect effect_from_inside(const Outline *outline, const Ball *ball)
+static bool holds_outline(const Ball *ball, const Outline *outline)
 {
     double farthest = 0;
     for (int k = 0; k < outline->nb_corners; k++)
         farthest = fmax(farthest, vec3d_length(vec3d_sub(outline->corner[k], ball->center)));
-    if (farthest <= ball->radius * (1 + VIEW_TOUCH))
+    return farthest <= ball->radius * (1 + VIEW_TOUCH);
+}
+
+/* From inside a ball one sees only what is in it as well. */
+static Effect effect_from_inside(const Outline *outline, const Ball *ball)
+{
+    if (holds_outline(ball, outline))
         return HIDES_NONE;
     return outline_distance(outline, ball->center) >= ball->radius ? HIDES_ALL : HIDES_SOME;
 }
@@ -137,6 +144,8 @@ static bool cone_may_meet(const Outline *outline, const Ball *ball)
     double cos_spread = 1;
     for (int k = 0; k < outline->nb_corners; k++)
         cos_spread = fmin(cos_spread, vec3d_dot(vec3d_unit(outline->corner[k]), middle));
+    if (cos_spread <= 0)
+        return true; /* so wide a light need not be where its corners are */
     double sin_spread = sqrt(fmax(1 - cos_spread * cos_spread, 0));
     double distance = vec3d_length(ball->center), sine = fmin(ball->radius / distance, 1);
     double cosine = sqrt(1 - sine * sine);
@@ -157,6 +166,8 @@ static Effect effect_across_light(const Outline *outline, Ball *ball)
         before &= ahead <= polar;
     }
     ball->kind = behind ? BALL_CONE : BALL_CUTS;
+    if (holds_outline(ball, outline))
+        return HIDES_ALL;
     return before && outline_distance(outline, ball->center) >= ball->radius ? HIDES_NONE
                                                                              : HIDES_SOME;
 }
@@ -183,9 +194,11 @@ static void see_planes(const Scene *scene, const QuadFrame *frame, const Hit *hi
     for (int k = 0; k < scene->nb_planes; k++) {
         const Vec3d normal = vec3d_from(scene->planes[k].normal);
         const Vec3d foot = vec3d_from(scene->planes[k].point);
-        const double height = vec3d_dot(normal, vec3d_sub(point, foot));
-        if (hit->object == scene->nb_spheres + k || height == 0)
-            continue;
+        const Vec3d offset = vec3d_sub(point, foot);
+        const double height = vec3d_dot(normal, offset);
+        if (hit->object == scene->nb_spheres + k ||
+            fabs(height) <= VIEW_TOUCH * vec3d_length(offset))
+            continue; /* the horizon does it */
         const Vec3d towards = vec3d_scale(normal, height > 0 ? 1 : -1);
         const HalfSpace half_space = {quad_frame_direction(frame, towards), fabs(height)};
         view->complete &= outline_clip(&view->outline, half_space);
