@@ -415,6 +415,21 @@ def test_packets_are_the_scalar_solution_in_penumbras() -> None:
     assert penumbra > 0.2 * total
 
 
+def test_packets_are_the_scalar_solution_under_wide_lights_and_beside_balls() -> None:
+    """A light much wider than it is high, and balls that rest on the floor close by or are sunk
+    in it: cones of almost a half-space, and parts of the light in the cone's other half."""
+    rng = np.random.default_rng(4)
+    low = quad([-8, 1.5, -8], [0, 0, 16], [16, 0, 0])
+    for _ in range(60):
+        spheres = []
+        for _ in range(rng.integers(1, 4)):
+            radius = float(np.float32(10 ** rng.uniform(-1, -0.2)))
+            height = radius * rng.choice([1, rng.uniform(-0.9, 1)])
+            spheres.append((rng.uniform(-1, 1, 3) * [1, 0, 1] + [0, height, 0], radius))
+        scene = scene_of(spheres, [((0, 0, 0), (0, 1, 0))], [low])
+        assert_packets_agree(scene, 0, points_on_floor(scene, 64, 1.5, rng))
+
+
 # ---- what geometry says
 
 
@@ -517,6 +532,19 @@ def test_nothing_is_seen_from_behind_below_or_inside() -> None:
     assert seen((0, 0, 0), up, spheres=[((0, 1, 0), 4)]) == free
     assert seen((0, 0, 0), up, spheres=[((0, 2, 0), 1.75)]) == 0  # it holds the light alone
     assert seen((0, 0, 0), up, spheres=[((0, 4, 0), 1)]) == free
+
+
+def test_a_sphere_given_twice_hides_no_more_than_once() -> None:
+    """Equal cones, which overlap everywhere, and one within another."""
+    scene, receivers = shadowed_floor(17)
+    assert len(scene.spheres) > 1
+    once, bound = CScene(scene).irradiance(0, receivers)
+    inner = dataclasses.replace(scene.spheres[0], radius=scene.spheres[0].radius / 2)
+    twice = dataclasses.replace(scene, spheres=(*scene.spheres, *scene.spheres, inner))
+    receivers = dataclasses.replace(receivers, object_id=np.full(96, len(twice.spheres)))
+    assert (once < without_objects(twice, 0, receivers)).any()
+    value, bound_twice = CScene(twice).irradiance(0, receivers)
+    assert (np.abs(value - once) <= bound + bound_twice).all()
 
 
 @pytest.mark.parametrize("size", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])

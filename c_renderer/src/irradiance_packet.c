@@ -327,7 +327,7 @@ static void see_center(const Sphere *sphere, int object, const HitPacket *restri
 }
 
 /* How the light lies to the sphere's cone: lanes whose light is all in it are no longer lit, and
- * lanes are hard where the sphere is not wholly between or a corner is in the cone's other half. */
+ * lanes are hard where the sphere is not wholly between the point and the light. */
 static void see_cone(ViewPacket *restrict view, CapPacket *restrict cap)
 {
     const QuadFrame f = view->frame;
@@ -346,10 +346,6 @@ static void see_cone(ViewPacket *restrict view, CapPacket *restrict cap)
         double f2 = ahead2 * ahead2 - tt * (high + x2 * x2);
         double f3 = ahead3 * ahead3 - tt * (high + x3 * x3);
         double strange = cz - h + r > 0 ? 1.0 : 0.0;
-        strange = (ahead0 > 0 ? 0 : f0) > 0 ? 1 : strange;
-        strange = (ahead1 > 0 ? 0 : f1) > 0 ? 1 : strange;
-        strange = (ahead2 > 0 ? 0 : f2) > 0 ? 1 : strange;
-        strange = (ahead3 > 0 ? 0 : f3) > 0 ? 1 : strange;
         /* f loses digits as 1 / sin^2 of the cone's half-angle, t as 1 / cos^2 */
         strange = rr > 1e-7 * dd ? strange : 1;
         strange = tt > 1e-7 * dd ? strange : 1;

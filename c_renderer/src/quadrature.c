@@ -214,62 +214,8 @@ static void add_crossings(Breaks *breaks, Vec3d corner, Vec3d next, Ball ball)
         add_break(breaks, corner.y + t[k] * edge.d.y);
 }
 
-/* Between which y the ball hides anything: the lines that touch its outline bound it. */
-static Range shadow_extent(const Breaks *all, Ball ball, double h)
-{
-    Breaks breaks = {.first = all->first, .last = all->last, .count = 0};
-    add_tangents(&breaks, ball, h);
-    Range extent = EMPTY;
-    double low = breaks.first;
-    for (int k = 0; k <= breaks.count; k++) {
-        const double high = k < breaks.count ? breaks.y[k] : breaks.last;
-        const Line middle = {{0, 0.5 * (low + high), h}, {1, 0, 0}};
-        if (!is_empty(hidden_range(middle, ball)))
-            extent = (Range){fmin(extent.low, low), fmax(extent.high, high)};
-        low = high;
-    }
-    return extent;
-}
-
-/* How much of the line at y both balls hide; below 0: how far apart their shadows are. Concave in
- * y, since both shadows are convex. */
-static double overlap(Ball one, Ball two, double y, double h)
-{
-    const Line line = {{0, y, h}, {1, 0, 0}};
-    const Range a = hidden_range(line, one), b = hidden_range(line, two);
-    return fmin(a.high, b.high) - fmax(a.low, b.low);
-}
-
-/* Where two shadows part: a thin gap that opens there could hide between the rule's nodes. */
-static void add_parting(Breaks *breaks, Ball one, Ball two, double h)
-{
-    const Range a = shadow_extent(breaks, one, h), b = shadow_extent(breaks, two, h);
-    const Range both = {fmax(a.low, b.low), fmin(a.high, b.high)};
-    double low = both.low, high = both.high, joint = low;
-    for (int k = 0; k < SEARCH && low < high && overlap(one, two, joint, h) <= 0; k++) {
-        const double first = low + 0.4 * (high - low), second = low + 0.6 * (high - low);
-        if (overlap(one, two, first, h) < overlap(one, two, second, h))
-            joint = low = first;
-        else
-            joint = high = second;
-    }
-    if (is_empty(both) || overlap(one, two, joint, h) <= 0)
-        return;
-    const double end[2] = {both.low, both.high};
-    for (int side = 0; side < 2; side++) {
-        double inside = joint, outside = end[side];
-        for (int k = 0; k < SEARCH && overlap(one, two, outside, h) <= 0; k++) {
-            const double middle = 0.5 * (inside + outside);
-            if (overlap(one, two, middle, h) > 0)
-                inside = middle;
-            else
-                outside = middle;
-        }
-        add_break(breaks, outside);
-    }
-}
-
-/* Corners, and where shadows begin, end, cross an edge or part from each other. */
+/* Corners, and where shadows begin, end or cross an edge. Where two shadows' outlines cross is left
+ * to the halving of panels. */
 static void find_breaks(const LightView *view, Breaks *breaks)
 {
     const Outline *outline = &view->outline;
@@ -286,8 +232,6 @@ static void find_breaks(const LightView *view, Breaks *breaks)
         add_tangents(breaks, view->ball[j], h);
         for (int k = 0; k < outline->nb_corners; k++)
             add_crossings(breaks, outline->corner[k], outline_next(outline, k), view->ball[j]);
-        for (int i = 0; i < j; i++)
-            add_parting(breaks, view->ball[i], view->ball[j], h);
     }
 }
 
