@@ -1,6 +1,7 @@
 #include "irradiance_packet.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #include <string.h>
 
 #include "irradiance.h"
@@ -47,13 +48,15 @@ typedef struct {
     Lanes here;            /* lanes in which it may hide some of the light, but not all */
 } CapPacket;
 
-static bool any(const Lanes flag)
+/* Whether a condition holds in some lane: by the bits of 1.0, since a sum of doubles would be taken
+ * one after the other. */
+static bool any(const Lanes condition)
 {
-    double sum = 0;
-#pragma omp simd reduction(+ : sum)
+    uint64_t bits[LANES], all = 0;
+    memcpy(bits, condition, sizeof bits);
     for (int i = 0; i < LANES; i++)
-        sum += flag[i];
-    return sum > 0;
+        all |= bits[i];
+    return all;
 }
 
 /* ---- angles ---- */
@@ -97,18 +100,19 @@ static inline double atan_ratio_near(double y)
 }
 
 /* theta / sin(theta) / (|a| |b|) for directions a and b, given |a x b|^2 and a . b: Lambert's
- * theta_k gamma_k is this times a x b, without a square root for far edges, theta < atan(1/2). */
-static NEAR_AND_FAR double angle_ratio(double cross_squared, double dot, bool is_near)
+ * theta_k gamma_k is this times a x b. tan(theta / 2) = |a x b| / (|a| |b| + a . b). */
+static inline double angle_ratio_near(double cross_squared, double dot)
 {
-    if (!is_near) {
-        double inverse = 1 / dot;
-        return inverse * atan_ratio_far(cross_squared * (inverse * inverse));
-    }
-    /* tan(theta / 2) = |a x b| / (|a| |b| + a . b), and the same from pi - theta */
     double inverse = 1 / (sqrt(cross_squared + dot * dot) + fabs(dot));
     double acute = 2 * inverse * atan_ratio_near(cross_squared * (inverse * inverse));
     double turned = (dot < 0 ? PI : 0.0) / (dot < 0 ? sqrt(cross_squared) : 1);
     return dot < 0 ? turned - acute : acute;
+}
+
+/* The same without a square root, where tan(theta) < 1/2; given 1 / a . b. */
+static inline double angle_ratio_far(double cross_squared, double inverse_dot)
+{
+    return inverse_dot * atan_ratio_far(cross_squared * (inverse_dot * inverse_dot));
 }
 
 /* The angle of x + i y in (-pi, pi]. */
@@ -175,21 +179,31 @@ static void see_quad(const QuadLight *light, const HitPacket *restrict hits,
 static NEAR_AND_FAR void sum_edges(const ViewPacket *restrict view, Lanes irradiance, bool is_near)
 {
     const QuadFrame f = view->frame;
-    const double ux = f.ux, vx = f.vx, vy = f.vy, vv = vx * vx + vy * vy;
+    const double ux = f.ux, vx = f.vx, vy = f.vy, uu = ux * ux, vv = vx * vx + vy * vy;
     SIMD for (int i = 0; i < LANES; i++)
     {
         double h = view->h[i], nx = view->nx[i], ny = view->ny[i], nz = view->nz[i];
         double x0 = view->x[i], x1 = x0 + ux, x2 = x1 + vx, x3 = x0 + vx;
-        double y0 = view->y[i], y1 = y0 + vy;
-        double h2 = h * h, low = h2 + y0 * y0, high = h2 + y1 * y1, middle = h2 + y0 * y1;
-        double right = x1 * vy - y0 * vx, left = x0 * vy - y0 * vx;
+        double y0 = view->y[i], y1 = y0 + vy, h2 = h * h;
+        double turn1 = x1 * vy - y0 * vx, turn3 = x0 * vy - y0 * vx;
         double level = h * (ny * vx - nx * vy), across = h * ny;
-        double sum =
-            ux * ((across - nz * y0) * angle_ratio(ux * ux * low, low + x0 * x1, is_near) -
-                  (across - nz * y1) * angle_ratio(ux * ux * high, high + x2 * x3, is_near));
-        sum +=
-            (level + nz * right) * angle_ratio(h2 * vv + right * right, middle + x1 * x2, is_near);
-        sum -= (level + nz * left) * angle_ratio(h2 * vv + left * left, middle + x3 * x0, is_near);
+        /* (w x e) . n, |w x e|^2 and the product of the edge's ends, around the light */
+        double n0 = ux * (across - nz * y0), n2 = -ux * (across - nz * y1);
+        double n1 = level + nz * turn1, n3 = -level - nz * turn3;
+        double c0 = uu * (h2 + y0 * y0), c2 = uu * (h2 + y1 * y1);
+        double c1 = h2 * vv + turn1 * turn1, c3 = h2 * vv + turn3 * turn3;
+        double d0 = h2 + y0 * y0 + x0 * x1, d2 = h2 + y1 * y1 + x2 * x3;
+        double d1 = h2 + y0 * y1 + x1 * x2, d3 = h2 + y0 * y1 + x3 * x0;
+        double sum;
+        if (is_near) {
+            sum = n0 * angle_ratio_near(c0, d0) + n1 * angle_ratio_near(c1, d1) +
+                  n2 * angle_ratio_near(c2, d2) + n3 * angle_ratio_near(c3, d3);
+        } else { /* one division, as slow as 30 multiplications, for four */
+            double d01 = d0 * d1, d23 = d2 * d3, inverse = 1 / (d01 * d23);
+            double i01 = inverse * d23, i23 = inverse * d01;
+            sum = n0 * angle_ratio_far(c0, i01 * d1) + n1 * angle_ratio_far(c1, i01 * d0) +
+                  n2 * angle_ratio_far(c2, i23 * d3) + n3 * angle_ratio_far(c3, i23 * d2);
+        }
         irradiance[i] = 0.5 * sum;
     }
 }
@@ -224,23 +238,22 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
             double x = view->x[i] + start_x[k], y = view->y[i] + start_y[k];
             /* decided at the corners, so that two edges never disagree */
             double height = first[i], end = last[i], rise = end - height;
-            double t0 = (height < 0 ? -height : 0) / (height < 0 ? rise : 1);
-            double t1 = (end < 0 ? -height : 1) / (end < 0 ? rise : 1);
-            t0 = t0 > 0 ? (t0 < 1 ? t0 : 1) : 0;
-            t1 = t1 > t0 ? (t1 < 1 ? t1 : 1) : t0;
+            double above0 = height < 0 ? 0.0 : 1.0, above1 = end < 0 ? 0.0 : 1.0;
+            double crosses = above0 - above1; /* 1: goes down, -1: comes up */
+            double crossing = -height / (crosses * crosses > 0 ? rise : 1);
+            double t0 = above0 > 0 ? 0 : above1 * crossing;
+            double t1 = above1 > 0 ? 1 : above0 * crossing;
             double width = t1 - t0, turn = x * ey - y * ex;
             double facing = width * (h * (ny * ex - nx * ey) + nz * turn);
             double cross_squared = width * width * (h * h * ee + turn * turn);
             double dot = x * x + y * y + h * h + (t0 + t1) * (x * ex + y * ey) + t0 * t1 * ee;
-            double term = facing * angle_ratio(cross_squared, dot, is_near);
-            sum[i] += width > 0 ? term : 0;
-            double goes_down = height >= 0 ? 1.0 : 0.0, comes_up = 1 - goes_down;
-            goes_down = end < 0 ? goes_down : 0;
-            comes_up = end < 0 ? 0 : comes_up;
-            down_x[i] = goes_down > 0 ? x + t1 * ex : down_x[i];
-            down_y[i] = goes_down > 0 ? y + t1 * ey : down_y[i];
-            up_x[i] = comes_up > 0 ? x + t0 * ex : up_x[i];
-            up_y[i] = comes_up > 0 ? y + t0 * ey : up_y[i];
+            double ratio = is_near ? angle_ratio_near(cross_squared, dot)
+                                   : angle_ratio_far(cross_squared, 1 / dot);
+            sum[i] += width > 0 ? facing * ratio : 0;
+            down_x[i] = crosses > 0 ? x + t1 * ex : down_x[i];
+            down_y[i] = crosses > 0 ? y + t1 * ey : down_y[i];
+            up_x[i] = crosses < 0 ? x + t0 * ex : up_x[i];
+            up_y[i] = crosses < 0 ? y + t0 * ey : up_y[i];
         }
     }
     SIMD for (int i = 0; i < LANES; i++)
@@ -251,7 +264,7 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
         double dot = down_x[i] * up_x[i] + down_y[i] * up_y[i] + h * h;
         double n2 =
             view->nx[i] * view->nx[i] + view->ny[i] * view->ny[i] + view->nz[i] * view->nz[i];
-        double theta = sqrt(cross_squared * n2) * angle_ratio(cross_squared, dot, true);
+        double theta = sqrt(cross_squared * n2) * angle_ratio_near(cross_squared, dot);
         theta = cross_squared > 0 ? theta : 0;
         double above = 0.5 * (sum[i] + theta);
         irradiance[i] = view->cut[i] > 0 ? above : irradiance[i];
@@ -277,11 +290,13 @@ static void irradiance_without_spheres(const ViewPacket *view, Lanes irradiance)
 
 /* Where the sphere is, and the lanes (here) in which it may hide some of the light: it does not
  * if it is wholly behind the light or beyond one of the planes through the point and a side. */
-static void see_center(const Sphere *sphere, int object, const HitPacket *restrict hits,
-                       const ViewPacket *restrict view, CapPacket *restrict cap)
+static void see_center(const Sphere *sphere, int object, const QuadLight *light,
+                       const HitPacket *restrict hits, const ViewPacket *restrict view,
+                       CapPacket *restrict cap)
 {
     const QuadFrame f = view->frame;
-    const Vec3d center = vec3d_from(sphere->center);
+    const Vec3d from_corner =
+        quad_frame_direction(&f, vec3d_sub(vec3d_from(sphere->center), vec3d_from(light->corner)));
     const double r = (double)sphere->radius, rr = r * r, ux = f.ux, vx = f.vx, vy = f.vy;
     const double vv = vx * vx + vy * vy;
     Lanes other;
@@ -289,12 +304,8 @@ static void see_center(const Sphere *sphere, int object, const HitPacket *restri
     cap->radius_squared = rr;
     SIMD for (int i = 0; i < LANES; i++)
     {
-        double dx = center.x - (double)hits->point.x[i], dy = center.y - (double)hits->point.y[i],
-               dz = center.z - (double)hits->point.z[i];
-        double cx = dx * f.x.x + dy * f.x.y + dz * f.x.z;
-        double cy = dx * f.y.x + dy * f.y.y + dz * f.y.z;
-        double cz = dx * f.z.x + dy * f.z.y + dz * f.z.z;
         double h = view->h[i], x0 = view->x[i], y0 = view->y[i];
+        double cx = x0 + from_corner.x, cy = y0 + from_corner.y, cz = h + from_corner.z;
         double x1 = x0 + ux, y1 = y0 + vy, h2 = h * h;
         double right = x1 * vy - y0 * vx, left = x0 * vy - y0 * vx;
         /* (w x e) . C at each side, and how far below 0 it may be: r |w x e| */
@@ -393,12 +404,13 @@ static void part_cones(ViewPacket *restrict view, CapPacket *restrict one, CapPa
 }
 
 /* Adds the sphere to the caps if it hides some of the light from some lane. */
-static void see_sphere(const Sphere *sphere, int object, const HitPacket *hits, ViewPacket *view,
-                       CapPacket caps[MAX_CAPS], int *nb_caps)
+static void see_sphere(const Sphere *sphere, int object, const QuadLight *light,
+                       const HitPacket *hits, ViewPacket *view, CapPacket caps[MAX_CAPS],
+                       int *nb_caps)
 {
     CapPacket one_too_many;
     CapPacket *cap = *nb_caps < MAX_CAPS ? &caps[*nb_caps] : &one_too_many;
-    see_center(sphere, object, hits, view, cap);
+    see_center(sphere, object, light, hits, view, cap);
     if (!any(cap->here))
         return;
     see_cone(view, cap);
@@ -417,21 +429,23 @@ static void see_sphere(const Sphere *sphere, int object, const HitPacket *hits, 
 static void see_plane(const Plane *plane, int object, const QuadLight *light,
                       const HitPacket *restrict hits, ViewPacket *restrict view)
 {
-    const Vec3d n = vec3d_from(plane->normal), p = vec3d_from(plane->point);
-    const double corner = vec3d_dot(n, vec3d_sub(vec3d_from(light->corner), p));
-    const double along_u = vec3d_dot(n, vec3d_from(light->edge_u));
-    const double along_v = vec3d_dot(n, vec3d_from(light->edge_v));
-    const double middle = corner + 0.5 * (along_u + along_v);
-    const double spread = 0.5 * (fabs(along_u) + fabs(along_v));
-    const double above = middle > spread ? 1 : 0, below = middle < -spread ? 1 : 0;
     Lanes other;
     SIMD for (int i = 0; i < LANES; i++) other[i] = hits->object[i] == object ? 0.0 : 1.0;
+    if (!any(other))
+        return;
+    const Vec3d n = vec3d_from(plane->normal), u = vec3d_from(light->edge_u);
+    const Vec3d from_plane = vec3d_sub(vec3d_from(light->corner), vec3d_from(plane->point));
+    const double along_u = vec3d_dot(n, u), along_v = vec3d_dot(n, vec3d_from(light->edge_v));
+    const double corner = vec3d_dot(n, from_plane), middle = corner + 0.5 * (along_u + along_v);
+    const double spread = 0.5 * (fabs(along_u) + fabs(along_v));
+    const double above = middle > spread ? 1 : 0, below = middle < -spread ? 1 : 0;
+    const Vec3d normal = quad_frame_direction(&view->frame, n);
+    const double reach = fabs(from_plane.x) + fabs(from_plane.y) + fabs(from_plane.z);
     SIMD for (int i = 0; i < LANES; i++)
     {
-        double dx = (double)hits->point.x[i] - p.x, dy = (double)hits->point.y[i] - p.y,
-               dz = (double)hits->point.z[i] - p.z;
-        double side = n.x * dx + n.y * dy + n.z * dz;
-        double touch = VIEW_TOUCH * (fabs(dx) + fabs(dy) + fabs(dz));
+        double x = view->x[i], y = view->y[i], h = view->h[i]; /* the corner, from the point */
+        double side = corner - (normal.x * x + normal.y * y + normal.z * h);
+        double touch = VIEW_TOUCH * (reach + fabs(x) + fabs(y) + fabs(h));
         double clear = side > touch ? above : side < -touch ? below : 0;
         double hidden = side > touch ? below : side < -touch ? above : 0;
         double unsure = view->lit[i] * other[i] * (1 - clear) * (1 - hidden);
@@ -523,8 +537,6 @@ static NEAR_AND_FAR void hide_edge(const ViewPacket *restrict view, const CapPac
         double facing = h * (view->ny[i] * ex - view->nx[i] * ey) + view->nz[i] * turn;
         double cross_squared = width * width * (h * h * ee + turn * turn);
         double dot = ww + (s0 + s1) * we + s0 * s1 * ee;
-        double term = width * facing * angle_ratio(cross_squared, dot, is_near);
-        hidden->edges[i] += hides > 0 ? term : 0;
 
         double w1 = circle->b1x[i] * x + circle->b1y[i] * y + circle->b1z[i] * h;
         double w2 = circle->b2x[i] * x + circle->b2y[i] * y + circle->b2z[i] * h;
@@ -538,9 +550,15 @@ static NEAR_AND_FAR void hide_edge(const ViewPacket *restrict view, const CapPac
         double real = hidden->real[i], imaginary = hidden->imaginary[i];
         hidden->real[i] = real * re2 - imaginary * im2;
         hidden->imaginary[i] = real * im2 + imaginary * re2;
-        double in = (goes_in > 0 ? wm + s0 * em : 0) / (goes_in > 0 ? c_w + s0 * c_e : 1);
-        double out = (comes_out > 0 ? wm + s1 * em : 0) / (comes_out > 0 ? c_w + s1 * c_e : 1);
-        hidden->chord[i] += in - out;
+        double in = goes_in > 0 ? wm + s0 * em : 0, ahead0 = goes_in > 0 ? c_w + s0 * c_e : 1;
+        double out = comes_out > 0 ? wm + s1 * em : 0, ahead1 = comes_out > 0 ? c_w + s1 * c_e : 1;
+        double ahead01 = ahead0 * ahead1, inverse = 1 / (is_near ? ahead01 : ahead01 * dot);
+        double ratio = is_near ? angle_ratio_near(cross_squared, dot)
+                               : angle_ratio_far(cross_squared, inverse * ahead01);
+        double term = width * facing * ratio;
+        hidden->edges[i] += hides > 0 ? term : 0;
+        /* in / ahead0 - out / ahead1 */
+        hidden->chord[i] += (in * ahead1 - out * ahead0) * (is_near ? inverse : inverse * dot);
     }
 }
 
@@ -588,10 +606,10 @@ static int see_light(const Scene *scene, const QuadLight *light, const HitPacket
 {
     int nb_caps = 0;
     see_quad(light, hits, view);
-    for (int k = 0; k < scene->nb_planes && any(view->lit); k++)
+    for (int k = 0; k < scene->nb_planes; k++)
         see_plane(&scene->planes[k], scene->nb_spheres + k, light, hits, view);
-    for (int k = 0; k < scene->nb_spheres && any(view->lit); k++)
-        see_sphere(&scene->spheres[k], k, hits, view, caps, &nb_caps);
+    for (int k = 0; k < scene->nb_spheres; k++)
+        see_sphere(&scene->spheres[k], k, light, hits, view, caps, &nb_caps);
     return nb_caps;
 }
 
