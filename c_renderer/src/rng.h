@@ -48,7 +48,8 @@ inline RngBlock rng_philox4x32(RngBlock counter, uint64_t seed)
     return (RngBlock){{c0, c1, c2, c3}};
 }
 
-/* The top 24 bits: all that a float holds, so that the result stays below 1. */
+/* The top 24 bits: all that a float holds, so that the result stays below 1, and is the same
+ * number in either precision. */
 static inline real rng_to_uniform(uint32_t bits)
 {
     return (real)(bits >> 8) * 0x1p-24f;
