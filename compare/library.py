@@ -24,6 +24,20 @@ LIBRARY = ROOT / "build" / "lib" / "libpenumbra.so"
 SCENE_BYTES = 1 << 16
 """Room for the C struct Scene, which holds pointers and a few numbers."""
 SAME, FEW = 1e-4, 1e-3
+SINGLE_HEADERS = (
+    "vec3", "rng", "sampling", "light", "shape", "camera", "scene", "estimator", "irradiance",
+)  # fmt: skip
+SINGLE_FUNCTIONS = """
+bool scene_read(const char *file, Scene *scene, char **dump, char *message, size_t message_size);
+void scene_free(Scene *scene);
+bool point_set_create(PointSet *set, Sampler sampler, int count, uint64_t seed);
+void point_set_free(PointSet *set);
+Ray camera_ray(const Camera *camera, real x, real y, int width, int height);
+Hit scene_hit(const Scene *scene, Ray ray);
+Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *points, Spread spread,
+                         RngStream stream);
+Rgb exact_lighting(const Scene *scene, const Hit *hit);
+"""
 FUNCTIONS = """
 bool scene_read(const char *file, void *scene, char **dump, char *message, size_t message_size);
 void scene_free(void *scene);
@@ -191,6 +205,57 @@ class WarmRenderer:
         if not self._library.scene_read(file, scene, self._ffi.NULL, message, len(message)):
             raise RendererError(self._ffi.string(message).decode())
         return self._ffi.gc(scene, self._library.scene_free)
+
+
+class PixelRenderer:
+    """One scene, pixel by pixel, by the textbook's functions: in a precision's own numbers, where
+    images are float32. Raises MissingProgramError, RendererError."""
+
+    def __init__(self, scene_file: Path, precision: str) -> None:
+        file = build_of(LIBRARY, precision)
+        self._ffi = cffi.FFI()
+        real = "float" if precision == PRECISIONS[0] else "double"
+        self._ffi.cdef(f"typedef {real} real;\n{_typedefs(SINGLE_HEADERS)}\n{SINGLE_FUNCTIONS}")
+        try:
+            self._library: Any = self._ffi.dlopen(str(file))
+        except OSError as error:
+            raise MissingProgramError(f"{file}: {error}: run `make build`") from error
+        message = self._ffi.new("char[1024]")
+        self.scene = self._ffi.gc(self._ffi.new("Scene *"), self._library.scene_free)
+        name = str(scene_file).encode()
+        null = self._ffi.NULL
+        if not self._library.scene_read(name, self.scene, null, message, len(message)):
+            raise RendererError(self._ffi.string(message).decode())
+
+    def render(self, estimator: str, light_samples: int, seed: int) -> np.ndarray:
+        """(H, W, 3) float64, the scene's size; estimator: "textbook", "solid-angle" or "exact"."""
+        library, ffi, scene = self._library, self._ffi, self.scene
+        points = ffi.gc(ffi.new("PointSet *"), library.point_set_free)
+        if not library.point_set_create(points, library.SAMPLER_INDEPENDENT, light_samples, seed):
+            raise RendererError("not enough memory for so many light samples")
+        spread = library.SPREAD_SOLID_ANGLE if estimator == "solid-angle" else library.SPREAD_AREA
+        radiance = np.empty((scene.height, scene.width, 3))
+        for y, x in np.ndindex(scene.height, scene.width):
+            camera = ffi.addressof(scene, "camera")
+            ray = library.camera_ray(camera, x + 0.5, y + 0.5, scene.width, scene.height)
+            hit = ffi.new("Hit *", library.scene_hit(scene, ray))
+            if hit.object < 0:
+                rgb = scene.background
+            elif estimator == "exact":
+                rgb = library.exact_lighting(scene, hit)
+            else:
+                stream = {"seed": seed, "pixel": y * scene.width + x, "pixel_sample": 0}
+                rgb = library.direct_lighting(scene, hit, points, spread, stream).radiance
+            radiance[y, x] = rgb.r, rgb.g, rgb.b
+        return radiance
+
+
+def _typedefs(headers: tuple[str, ...]) -> str:
+    """The headers' types: one place says their layout."""
+    text = "".join((SOURCES / f"{name}.h").read_text() for name in headers)
+    text = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
+    nested = r"\{(?:[^{}]|\{[^{}]*\})*\}"
+    return "\n".join(re.findall(rf"typedef (?:struct|enum) {nested} \w+;", text))
 
 
 def _declarations() -> cffi.FFI:
