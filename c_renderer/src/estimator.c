@@ -13,7 +13,7 @@ static Rgb contribution(const Scene *scene, const Hit *hit, LightSample sample)
     if (scene_occluded(scene, shadow_ray, sample.distance, hit->object))
         return (Rgb){0, 0, 0};
 
-    return rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface);
+    return rgb_finite(rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface));
 }
 
 /* The same loop with points spread over the solid angle; by area where that cannot be done. */
@@ -59,8 +59,8 @@ Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *poi
     Estimate total = {0};
     for (int light = 0; light < scene->nb_lights; light++) {
         Estimate mean = light_estimate(scene, light, hit, points, spread, stream);
-        total.radiance = rgb_add(total.radiance, mean.radiance);
-        total.variance = rgb_add(total.variance, mean.variance);
+        total.radiance = rgb_finite(rgb_add(total.radiance, mean.radiance));
+        total.variance = rgb_finite(rgb_add(total.variance, mean.variance));
     }
     return total;
 }
@@ -84,7 +84,7 @@ Estimate moments_estimate(const Moments *moments)
         mean[c] = moments->sum[c] / n;
         if (n > 1) {
             double scatter = moments->sum_of_squares[c] - moments->sum[c] * mean[c];
-            variance[c] = fmax(scatter, 0.0) / (n - 1) / n;
+            variance[c] = fmin(fmax(scatter, 0.0) / (n - 1) / n, (double)FLT_MAX);
         }
     }
     return (Estimate){{(real)mean[0], (real)mean[1], (real)mean[2]},

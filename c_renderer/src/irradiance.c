@@ -283,7 +283,7 @@ static Rgb point_light(const Scene *scene, const Light *light, const Hit *hit)
     Ray shadow_ray = {hit->point, sample.direction};
     if (cos_surface <= 0 || scene_occluded(scene, shadow_ray, sample.distance, hit->object))
         return (Rgb){0, 0, 0};
-    return rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface);
+    return rgb_finite(rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface));
 }
 
 Rgb exact_light(const Scene *scene, int light, const Hit *hit)
@@ -305,6 +305,6 @@ Rgb exact_lighting(const Scene *scene, const Hit *hit)
 {
     Rgb sum = {0, 0, 0};
     for (int light = 0; light < scene->nb_lights; light++)
-        sum = rgb_add(sum, exact_light(scene, light, hit));
+        sum = rgb_finite(rgb_add(sum, exact_light(scene, light, hit)));
     return sum;
 }

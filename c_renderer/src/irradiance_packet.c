@@ -409,9 +409,9 @@ void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket 
                 if (hit.object == SCENE_NOTHING)
                     continue;
                 const Rgb lighting = exact_light(scene, k, &hit);
-                radiance->r[i] += lighting.r;
-                radiance->g[i] += lighting.g;
-                radiance->b[i] += lighting.b;
+                radiance->r[i] = real_finite(radiance->r[i] + lighting.r);
+                radiance->g[i] = real_finite(radiance->g[i] + lighting.g);
+                radiance->b[i] = real_finite(radiance->b[i] + lighting.b);
             }
             break;
         case LIGHT_QUAD:
@@ -419,9 +419,12 @@ void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket 
             SIMD for (int i = 0; i < LANES; i++)
             {
                 const Rgb emitted = light->shape.quad.radiance;
-                radiance->r[i] += hits->brdf.r[i] * emitted.r * (real)irradiance[i];
-                radiance->g[i] += hits->brdf.g[i] * emitted.g * (real)irradiance[i];
-                radiance->b[i] += hits->brdf.b[i] * emitted.b * (real)irradiance[i];
+                const real r = hits->brdf.r[i] * emitted.r * (real)irradiance[i];
+                radiance->r[i] = real_finite(radiance->r[i] + r);
+                const real g = hits->brdf.g[i] * emitted.g * (real)irradiance[i];
+                radiance->g[i] = real_finite(radiance->g[i] + g);
+                const real b = hits->brdf.b[i] * emitted.b * (real)irradiance[i];
+                radiance->b[i] = real_finite(radiance->b[i] + b);
             }
             break;
         }

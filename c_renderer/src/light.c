@@ -13,7 +13,8 @@ static LightSample point_light_sample(const PointLight *light, Vec3 point)
     if (distance_squared > 0) {
         sample.distance = sqrt(distance_squared);
         sample.direction = vec3_scale(to_light, 1 / sample.distance);
-        sample.radiance = rgb_scale(light->radiant_intensity, 1 / distance_squared);
+        real falloff = real_finite(1 / distance_squared);
+        sample.radiance = rgb_finite(rgb_scale(light->radiant_intensity, falloff));
     }
     return sample;
 }
@@ -42,7 +43,8 @@ static LightSample quad_light_sample(const QuadLight *light, Vec3 point, Uniform
     sample.pdf_solid_angle = distance_squared / (light->area * cos_light); /* [sr^-1] */
 
     /* (d) radiance over pdf */
-    sample.radiance = rgb_scale(light->radiance, 1 / sample.pdf_solid_angle);
+    real inverse_pdf = real_finite(1 / sample.pdf_solid_angle);
+    sample.radiance = rgb_finite(rgb_scale(light->radiance, inverse_pdf));
     return sample;
 }
 

@@ -2,6 +2,7 @@
 #ifndef PENUMBRA_VEC3_H
 #define PENUMBRA_VEC3_H
 
+#include <float.h>
 #include <tgmath.h>
 
 /* The renderer's precision, chosen when it is compiled: float64 is the yardstick of float32's
@@ -51,6 +52,19 @@ static inline real vec3_dot(Vec3 a, Vec3 b)
 static inline Vec3 vec3_normalize(Vec3 a)
 {
     return vec3_scale(a, 1 / sqrt(vec3_dot(a, a)));
+}
+
+/* What is too large for a float image is the largest float: Inf in a product with 0, a black
+ * surface's, would be NaN. A NaN stays one. */
+static inline real real_finite(real a)
+{
+    const real largest = FLT_MAX;
+    return a > largest ? largest : a;
+}
+
+static inline Rgb rgb_finite(Rgb a)
+{
+    return (Rgb){real_finite(a.r), real_finite(a.g), real_finite(a.b)};
 }
 
 static inline Rgb rgb_add(Rgb a, Rgb b)
