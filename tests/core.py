@@ -17,7 +17,7 @@ typedef struct { real r, g, b; } Rgb;
 typedef struct { real x, y; } Uniform2;
 typedef struct { uint64_t seed; uint32_t pixel; uint32_t pixel_sample; } RngStream;
 typedef struct { uint32_t word[4]; } RngBlock;
-RngBlock rng_philox4x32(RngBlock counter, uint64_t seed);
+RngBlock rng_threefry4x32(RngBlock counter, RngBlock key);
 Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension);
 
 typedef enum { SAMPLER_INDEPENDENT, SAMPLER_JITTERED, SAMPLER_SOBOL } Sampler;
