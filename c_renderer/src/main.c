@@ -174,7 +174,7 @@ static Options parse_options(int argc, char **argv)
             options.print_scene = true;
             break;
         case VERSION:
-            puts("penumbra-render " PENUMBRA_VERSION);
+            puts("penumbra-render " PENUMBRA_VERSION " " REAL_NAME);
             exit(0);
         case HELP_OPTION:
             fputs(HELP, stdout);

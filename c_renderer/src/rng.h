@@ -65,7 +65,8 @@ inline RngBlock rng_threefry4x32(RngBlock counter, RngBlock key)
     return (RngBlock){{x0, x1, x2, x3}};
 }
 
-/* The top 24 bits: all that a float holds, so that the result stays below 1. */
+/* The top 24 bits: all that a float holds, so that the result stays below 1, and is the same
+ * number in either precision. */
 static inline real rng_to_uniform(uint32_t bits)
 {
     return (real)(bits >> 8) * 0x1p-24f;

@@ -49,11 +49,12 @@ static inline float sobol_in_one_two(uint32_t entry, uint32_t shift)
     return number.value;
 }
 
-/* SAMPLER_JITTERED: column (or row) `cell` of `cells`, at the place u in it. */
+/* SAMPLER_JITTERED: column (or row) `cell` of `cells`, at the place u in it. A float in either
+ * precision, as the other samplers' points are: both builds draw the same points. */
 static inline real jitter(uint32_t cell, real u, int cells)
 {
-    real x = ((real)cell + u) / (real)cells;
-    const real below_one = 0x0.ffffffp0f; /* the sum may round up to the next cell */
+    float x = ((float)cell + (float)u) / (float)cells;
+    const float below_one = 0x0.ffffffp0f; /* the sum may round up to the next cell */
     return x < below_one ? x : below_one;
 }
 
