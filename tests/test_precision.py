@@ -22,7 +22,8 @@ ROUNDINGS = 24
 """Errors of the estimator's vectors, in eps of the lengths that they are sums of. The kernel's w:
 1/2 for corner - point, 4 for each axis of the light's frame (a normalised vector, and a cross
 product with a rounded normal), 3/2 for the three-term products with it, 3/2 for the unit of length,
-2 for adding s u + t v, twice that with the sobol sampler's points from [1, 2); for n . w as much again."""
+2 for adding s u + t v, twice that with the sobol sampler's points from [1, 2); for n . w as much
+again."""
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
