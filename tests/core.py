@@ -20,7 +20,7 @@ typedef struct { real r, g, b; } Rgb;
 typedef struct { real x, y; } Uniform2;
 typedef struct { uint64_t seed; uint32_t pixel; uint32_t pixel_sample; } RngStream;
 typedef struct { uint32_t word[4]; } RngBlock;
-RngBlock rng_philox4x32(RngBlock counter, uint64_t seed);
+RngBlock rng_threefry4x32(RngBlock counter, RngBlock key);
 Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension);
 
 typedef enum { SAMPLER_INDEPENDENT, SAMPLER_JITTERED, SAMPLER_SOBOL } Sampler;
@@ -86,8 +86,8 @@ int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const
 void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket *radiance);
 
 typedef struct { RgbPacket radiance; RgbPacket variance; } EstimatePacket;
-void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
-                            bool hybrid, RngStream first, EstimatePacket *result);
+void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,
+                            const PointSet *points, RngStream first, EstimatePacket *result);
 void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
                      RngStream first, EstimatePacket *result);
 bool scene_read(const char *file, Scene *scene, char **dump, char *message, size_t message_size);

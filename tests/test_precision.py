@@ -21,8 +21,9 @@ LANES = 16
 ROUNDINGS = 24
 """Errors of the estimator's vectors, in eps of the lengths that they are sums of. The kernel's w:
 1/2 for corner - point, 4 for each axis of the light's frame (a normalised vector, and a cross
-product with a rounded normal), 3/2 for the three-term products with it, 2 for adding s u + t v,
-twice that with the sobol sampler's points from [1, 2); for n . w as much again."""
+product with a rounded normal), 3/2 for the three-term products with it, 3/2 for the unit of length,
+2 for adding s u + t v, twice that with the sobol sampler's points from [1, 2); for n . w as much
+again."""
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -231,9 +232,7 @@ def test_every_term_of_the_kernel_is_the_float64_textbooks(
                     )  # fmt: skip
                     result = single.ffi.new("EstimatePacket *")
                     points = point_set(single, sampler, 1)
-                    single.library.kernel_direct_lighting(
-                        views[0], hits, points, False, stream, result
-                    )
+                    single.library.kernel_direct_lighting(views[0], hits, 1, points, stream, result)
                     value, truth = array(result.radiance), expected.textbook()
                     unsure = expected.undecided()
                     may_be_dark = (unsure | ~truth.any(axis=-1))[:, None]
