@@ -2,7 +2,7 @@
 
 numpy's longdouble has 64 bits of mantissa on x86-64 (113 on Arm Linux), so its own rounding is
 2,000 times below float64's and 10^12 times below float32's. It draws the renderer's points
-(Philox, c_renderer/src/rng.h) and takes the scene file's numbers as they are written: what a
+(Threefry, c_renderer/src/rng.h) and takes the scene file's numbers as they are written: what a
 renderer's image differs by is its rounding, that of its input included. Written from
 docs/estimator.md, not from the C code; tests/test_stability.py checks it with 40 digits.
 """
@@ -163,24 +163,32 @@ def plane_hit(plane: dict[str, Any], origin: Array, direction: Array) -> Array:
 
 def uniforms(seed: int, pixels: Array, sample: int, dimension: int) -> Array:
     """(P, 2) of rng.h's rng_uniform2 for one pixel sample."""
-    words = philox(
-        [pixels.astype(np.uint64), sample // 2, 0, dimension], seed
-    )[sample % 2 * 2 : sample % 2 * 2 + 2]
-    return np.stack([(w >> np.uint64(8)).astype(Real) / Real(2**24) for w in words], axis=-1)
+    words = threefry([pixels, sample // 2, 0, dimension], seed)[sample % 2 * 2 :][:2]
+    return np.stack([(w >> np.uint32(8)).astype(Real) / Real(2**24) for w in words], axis=-1)
 
 
-def philox(counter: list[Any], seed: int) -> list[Array]:
-    """Philox4x32-10 (Salmon and others, SC 2011); four arrays of 32-bit numbers as uint64."""
-    low, shift = np.uint64(0xFFFFFFFF), np.uint64(32)
-    c0, c1, c2, c3 = np.broadcast_arrays(*(np.asarray(c, np.uint64) for c in counter))
-    key0, key1 = seed & 0xFFFFFFFF, seed >> 32
-    for _ in range(10):
-        product0, product1 = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
-        c0 = (product1 >> shift) ^ c1 ^ np.uint64(key0)
-        c2 = (product0 >> shift) ^ c3 ^ np.uint64(key1)
-        c1, c3 = product1 & low, product0 & low
-        key0, key1 = (key0 + 0x9E3779B9) & 0xFFFFFFFF, (key1 + 0xBB67AE85) & 0xFFFFFFFF
-    return [c0, c1, c2, c3]
+def threefry(counter: list[Any], seed: int) -> list[Array]:
+    """Threefry4x32-13 (Salmon and others, SC 2011) of each counter: four arrays of uint32."""
+    rotations = ((10, 26), (11, 21), (13, 27), (23, 5), (6, 20), (17, 11), (25, 10), (18, 20))
+    key = [seed & 0xFFFFFFFF, seed >> 32, 0, 0]
+    key.append(0x1BD11BDA ^ key[0] ^ key[1])
+    keys = [np.uint32(k) for k in key]
+    words = np.broadcast_arrays(*(np.asarray(c, np.uint32) for c in counter))
+    x = [word + keys[i] for i, word in enumerate(words)]
+    for step in range(13):
+        if step and step % 4 == 0:
+            turn = step // 4
+            x = [word + keys[(turn + i) % 5] for i, word in enumerate(x)]
+            x[3] = x[3] + np.uint32(turn)
+        if step % 2:
+            x[1], x[3] = x[3], x[1]
+        for pair, by in zip((0, 2), rotations[step % 8], strict=True):
+            x[pair] = x[pair] + x[pair + 1]
+            mixed = x[pair + 1]
+            x[pair + 1] = (mixed << np.uint32(by) | mixed >> np.uint32(32 - by)) ^ x[pair]
+        if step % 2:
+            x[1], x[3] = x[3], x[1]
+    return x
 
 
 # ---- vectors

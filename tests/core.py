@@ -57,6 +57,7 @@ real plane_hit(const Plane *plane, Ray ray);
 real sphere_hit_from_its_surface(const Sphere *sphere, Ray ray);
 
 typedef struct { Rgb radiance; Rgb variance; } Estimate;
+typedef enum { SPREAD_AREA, SPREAD_SOLID_ANGLE } Spread;
 typedef struct { double sum[3], sum_of_squares[3]; int count; } Moments;
 void moments_add(Moments *moments, Rgb value);
 Estimate moments_estimate(const Moments *moments);
@@ -68,6 +69,9 @@ typedef struct {
     Sphere *spheres; Plane *planes; Light *lights;
 } Scene;
 typedef struct { int object; Vec3 point; Vec3 normal; Rgb brdf; } Hit;
+Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *points, Spread spread,
+                         RngStream stream);
+double trust_distance(const QuadLight *light, Vec3 point);
 double irradiance_quad(const Scene *scene, const QuadLight *light, const Hit *hit,
                        double *error_bound);
 Rgb exact_lighting(const Scene *scene, const Hit *hit);

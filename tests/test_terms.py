@@ -29,7 +29,7 @@ class Cases:
         vec3 = np.dtype((real, 3))
         quad = [("corner", vec3), ("u", vec3), ("v", vec3), ("normal", vec3), ("area", real),
                 ("radiance", vec3)]  # fmt: skip
-        light = np.dtype([("type", np.int32), ("quad", np.dtype(quad))], align=True)
+        light = np.dtype([("type", np.int32), ("quad", np.dtype(quad, align=True))], align=True)
         hit = np.dtype([("object", np.int32), ("point", vec3), ("normal", vec3), ("brdf", vec3)],
                        align=True)  # fmt: skip
         assert (light.itemsize, hit.itemsize) == (c.ffi.sizeof("Light"), c.ffi.sizeof("Hit"))

@@ -103,16 +103,16 @@ static void add_quad(const LightPacket *packet, Rgb radiance, const HitPacket *h
     SampleMoments moments;
     sample_moments(packet, count, first, dimension, &moments);
     for (int i = 0; i < LANES; i++) {
-        real mean = (real)moments.estimate[i];
-        real variance = (real)(moments.variance[i] / moments.count[i]);
+        real mean = real_finite((real)moments.estimate[i]);
+        real variance = real_finite((real)(moments.variance[i] / moments.count[i]));
         real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
              b = hits->brdf.b[i] * radiance.b;
         result->radiance.r[i] += r * mean;
         result->radiance.g[i] += g * mean;
         result->radiance.b[i] += b * mean;
-        result->variance.r[i] += r * r * variance;
-        result->variance.g[i] += g * g * variance;
-        result->variance.b[i] += b * b * variance;
+        result->variance.r[i] += r * (r * variance);
+        result->variance.g[i] += g * (g * variance);
+        result->variance.b[i] += b * (b * variance);
     }
 }
 

@@ -84,7 +84,7 @@ Estimate moments_estimate(const Moments *moments)
         mean[c] = moments->sum[c] / n;
         if (n > 1) {
             double scatter = moments->sum_of_squares[c] - moments->sum[c] * mean[c];
-            variance[c] = fmin(fmax(scatter, 0.0) / (n - 1) / n, (double)FLT_MAX);
+            variance[c] = fmin(fmax(scatter, 0.0) / (n - 1) / n, (double)REAL_MAX);
         }
     }
     return (Estimate){{(real)mean[0], (real)mean[1], (real)mean[2]},

@@ -223,7 +223,7 @@ static void add_light(Rgb radiance, const HitPacket *restrict hits, const real m
     }
 }
 
-/* The same for the mean's variance. */
+/* The same for the mean's variance. r^2 alone may be Inf, and the variance 0. */
 static void add_variance(Rgb radiance, const HitPacket *restrict hits, const real variance[LANES],
                          EstimatePacket *restrict result)
 {
@@ -231,9 +231,9 @@ static void add_variance(Rgb radiance, const HitPacket *restrict hits, const rea
     {
         real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
              b = hits->brdf.b[i] * radiance.b;
-        result->variance.r[i] += r * r * variance[i];
-        result->variance.g[i] += g * g * variance[i];
-        result->variance.b[i] += b * b * variance[i];
+        result->variance.r[i] += r * (r * variance[i]);
+        result->variance.g[i] += g * (g * variance[i]);
+        result->variance.b[i] += b * (b * variance[i]);
     }
 }
 
@@ -254,7 +254,7 @@ static void quad_estimate(const LightPacket *light, const PointSet *set, RngStre
 
     const double n = set->count, to_mean = 1 / n;
     SIMD for (int i = 0; i < LANES; i++) mean[i] =
-        (real)((double)light->scale[i] * (sum[i] * to_mean));
+        real_finite((real)((double)light->scale[i] * (sum[i] * to_mean)));
     if (set->sampler != SAMPLER_INDEPENDENT)
         return;
     const double to_variance = set->count > 1 ? 1 / (n - 1) / n : 0;
@@ -263,7 +263,7 @@ static void quad_estimate(const LightPacket *light, const PointSet *set, RngStre
         double scale = (double)light->scale[i];
         double scatter = sum_of_squares[i] - sum[i] * (sum[i] * to_mean);
         scatter = scatter > 0 ? scatter : 0;
-        variance[i] = (real)(scale * scale * scatter * to_variance);
+        variance[i] = real_finite((real)(scale * scale * scatter * to_variance));
     }
 }
 

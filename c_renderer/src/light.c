@@ -40,7 +40,8 @@ static LightSample quad_light_sample(const QuadLight *light, Vec3 point, Uniform
     real cos_light = vec3_dot(light->normal, sample.direction);
     if (cos_light <= 0)
         return sample;
-    sample.pdf_solid_angle = distance_squared / (light->area * cos_light); /* [sr^-1] */
+    sample.pdf_solid_angle =
+        real_finite(distance_squared / (light->area * cos_light)); /* [sr^-1] */
 
     /* (d) radiance over pdf */
     real inverse_pdf = real_finite(1 / sample.pdf_solid_angle);

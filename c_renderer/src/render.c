@@ -30,6 +30,12 @@ static RngStream pixel_stream(const Job *job, int x, int y)
     return (RngStream){job->settings->seed, pixel, 0};
 }
 
+/* A float image's largest number stands for all above it. */
+static inline float stored(real value)
+{
+    return value > FLT_MAX ? FLT_MAX : (float)value;
+}
+
 /* ---- as it is taught: one pixel after the other ---- */
 
 static Estimate ray_radiance(const Job *job, real x, real y, RngStream stream)
@@ -66,14 +72,14 @@ static void render_row(const Job *job, int y)
     for (int x = 0; x < job->settings->width; x++) {
         Estimate estimate = pixel_radiance(job, x, y);
         size_t pixel = (size_t)y * (size_t)job->settings->width + (size_t)x;
-        job->radiance[pixel] = (float)estimate.radiance.r;
-        job->radiance[plane + pixel] = (float)estimate.radiance.g;
-        job->radiance[2 * plane + pixel] = (float)estimate.radiance.b;
+        job->radiance[pixel] = stored(estimate.radiance.r);
+        job->radiance[plane + pixel] = stored(estimate.radiance.g);
+        job->radiance[2 * plane + pixel] = stored(estimate.radiance.b);
         if (!job->variance)
             continue;
-        job->variance[pixel] = (float)estimate.variance.r;
-        job->variance[plane + pixel] = (float)estimate.variance.g;
-        job->variance[2 * plane + pixel] = (float)estimate.variance.b;
+        job->variance[pixel] = stored(estimate.variance.r);
+        job->variance[plane + pixel] = stored(estimate.variance.g);
+        job->variance[2 * plane + pixel] = stored(estimate.variance.b);
     }
 }
 
@@ -157,8 +163,9 @@ static void channel_moments(const real value[LANES], double sum[LANES],
 {
     SIMD for (int i = 0; i < LANES; i++)
     {
-        sum[i] += (double)value[i];
-        sum_of_squares[i] += (double)value[i] * (double)value[i];
+        double finite = (double)real_finite(value[i]);
+        sum[i] += finite;
+        sum_of_squares[i] += finite * finite;
     }
 }
 
@@ -210,10 +217,10 @@ static void store_lanes(float *plane, size_t pixel, int count, const real value[
 {
     float *const place = plane + pixel;
     if (count == LANES)
-        SIMD for (int i = 0; i < LANES; i++) place[i] = (float)value[i];
+        SIMD for (int i = 0; i < LANES; i++) place[i] = stored(value[i]);
     else
         for (int i = 0; i < count; i++)
-            place[i] = (float)value[i];
+            place[i] = stored(value[i]);
 }
 
 static void store_packet(const Job *job, size_t pixel, int count, const EstimatePacket *packet)

@@ -58,8 +58,7 @@ static bool any_surface_within(const Scene *scene, const QuadLight *light, doubl
     }
     for (int i = 0; i < scene->nb_planes; i++) {
         const Vec3d n = vec3d_from(scene->planes[i].normal);
-        const double height =
-            vec3d_dot(n, vec3d_sub(corner, vec3d_from(scene->planes[i].point)));
+        const double height = vec3d_dot(n, vec3d_sub(corner, vec3d_from(scene->planes[i].point)));
         const double along_u = vec3d_dot(n, u), along_v = vec3d_dot(n, v);
         const double low = height + fmin(along_u, 0) + fmin(along_v, 0);
         const double high = height + fmax(along_u, 0) + fmax(along_v, 0);
@@ -103,11 +102,11 @@ long long trust_untrusted_pixels(const Scene *scene, const RenderSettings *setti
     reduction(+ : untrusted)
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
-            const Ray ray = camera_ray(&scene->camera, (real)x + (real)0.5,
-                                       (real)y + (real)0.5, width, height);
+            const Ray ray =
+                camera_ray(&scene->camera, (real)x + (real)0.5, (real)y + (real)0.5, width, height);
             const Hit hit = scene_hit(scene, ray);
-            untrusted += hit.object != SCENE_NOTHING &&
-                         is_untrusted(scene, settings, hit.point, samples);
+            untrusted +=
+                hit.object != SCENE_NOTHING && is_untrusted(scene, settings, hit.point, samples);
         }
     return untrusted;
 }

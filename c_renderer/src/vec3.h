@@ -10,9 +10,11 @@
 #ifdef PENUMBRA_FLOAT64
 typedef double real;
 #define REAL_NAME "float64"
+#define REAL_MAX DBL_MAX
 #else
 typedef float real;
 #define REAL_NAME "float32"
+#define REAL_MAX FLT_MAX
 #endif
 
 typedef struct {
@@ -54,12 +56,11 @@ static inline Vec3 vec3_normalize(Vec3 a)
     return vec3_scale(a, 1 / sqrt(vec3_dot(a, a)));
 }
 
-/* What is too large for a float image is the largest float: Inf in a product with 0, a black
- * surface's, would be NaN. A NaN stays one. */
+/* What is too large for a number is the largest one: Inf times 0, a black surface's, would be NaN.
+ * A NaN stays one. */
 static inline real real_finite(real a)
 {
-    const real largest = FLT_MAX;
-    return a > largest ? largest : a;
+    return a > REAL_MAX ? REAL_MAX : a;
 }
 
 static inline Rgb rgb_finite(Rgb a)
