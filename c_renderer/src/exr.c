@@ -57,6 +57,8 @@ static exr_result_t write_header(exr_context_t exr, const ExrImage *image)
                                         (float)image->spent->pixels_above);
     }
     if (!result)
+        result = exr_attr_set_int(exr, part, "untrustedPixels", image->untrusted_pixels);
+    if (!result)
         result = exr_attr_set_string(exr, part, "precision", REAL_NAME);
     if (!result)
         result = exr_attr_set_string(exr, part, "software", "penumbra-render " PENUMBRA_VERSION);

@@ -14,6 +14,7 @@ typedef struct {
     double seconds;           /* of rendering */
     double target_error;      /* 0: none was set */
     const RenderSpent *spent; /* with a target */
+    int untrusted_pixels;     /* trust.h */
     const float *radiance;    /* three planes, as render.h says */
     const float *variance;    /* likewise, or NULL */
 } ExrImage;

@@ -11,9 +11,11 @@
 
 #include <omp.h>
 
+#include "adaptive.h"
 #include "exr.h"
 #include "render.h"
 #include "scene_json.h"
+#include "trust.h"
 
 enum { EXIT_BAD_INPUT = 2 };
 
@@ -218,6 +220,14 @@ static void report_spent(const RenderSettings *settings, double target_error,
         spent->pixels_above, settings->nb_light_samples);
 }
 
+static void warn_untrusted(int pixels)
+{
+    fprintf(stderr,
+            "penumbra-render: %d pixel%s too near a light for so few samples, and may be wrong by "
+            "more than the stated variance says: try --estimator solid-angle\n",
+            pixels, pixels == 1 ? " is" : "s are");
+}
+
 int main(int argc, char **argv)
 {
     Options options = parse_options(argc, argv);
@@ -268,9 +278,13 @@ int main(int argc, char **argv)
                       .spent = targeted ? &spent : NULL,
                       .radiance = radiance,
                       .variance = variance};
+    image.untrusted_pixels = trust_untrusted_pixels(
+        &scene, settings, targeted ? ADAPTIVE_PILOT : settings->nb_light_samples);
     bool written = exr_write(options.output, &image, message, sizeof message);
     if (written && targeted)
         report_spent(settings, options.target_error, &spent);
+    if (written && image.untrusted_pixels)
+        warn_untrusted(image.untrusted_pixels);
     free(radiance);
     free(variance);
     scene_free(&scene);

@@ -68,12 +68,17 @@ static bool any_surface_within(const Scene *scene, const QuadLight *light, doubl
     return false;
 }
 
+static bool is_black(Rgb radiance)
+{
+    return radiance.r <= 0 && radiance.g <= 0 && radiance.b <= 0;
+}
+
 static bool is_untrusted(const Scene *scene, const RenderSettings *settings, Vec3 point,
                          double samples)
 {
     for (int i = 0; i < scene->nb_lights; i++) {
         const QuadLight *light = &scene->lights[i].shape.quad;
-        if (scene->lights[i].type != LIGHT_QUAD ||
+        if (scene->lights[i].type != LIGHT_QUAD || is_black(light->radiance) ||
             trust_distance(light, point) >= least_distance(light, samples))
             continue;
         SphericalRectangle rectangle;
@@ -84,20 +89,19 @@ static bool is_untrusted(const Scene *scene, const RenderSettings *settings, Vec
     return false;
 }
 
-long long trust_untrusted_pixels(const Scene *scene, const RenderSettings *settings,
-                                 int light_samples)
+int trust_untrusted_pixels(const Scene *scene, const RenderSettings *settings, int light_samples)
 {
     const int width = settings->width, height = settings->height;
     const double samples = (double)light_samples * settings->samples_per_pixel;
     bool any = false;
     for (int i = 0; i < scene->nb_lights && settings->estimator != ESTIMATOR_EXACT; i++) {
         const QuadLight *light = &scene->lights[i].shape.quad;
-        any |= scene->lights[i].type == LIGHT_QUAD &&
+        any |= scene->lights[i].type == LIGHT_QUAD && !is_black(light->radiance) &&
                any_surface_within(scene, light, least_distance(light, samples));
     }
     if (!any)
         return 0;
-    long long untrusted = 0;
+    int untrusted = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(settings->threads)                       \
     reduction(+ : untrusted)
     for (int y = 0; y < height; y++)
