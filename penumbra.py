@@ -283,6 +283,16 @@ def _trade(options: argparse.Namespace) -> int:
     return PASS
 
 
+def _stability(options: argparse.Namespace) -> int:
+    from compare.stability import study
+
+    result = study(options.out, options.budget)
+    bad = {kind: result[kind] for kind in ("nan", "inf", "negative")}
+    print(f"{result['images']} images: " + ", ".join(f"{n} {kind}" for kind, n in bad.items()))
+    print(f"written: {options.out}.csv and {options.out}.json")
+    return FAIL if any(bad.values()) else PASS
+
+
 def _report(options: argparse.Namespace) -> int:
     from report.build import build
 
@@ -382,6 +392,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_converge(add)
     _add_speedup(add)
     _add_trade(add)
+    _add_stability(add)
     _add_report(add)
     return parser
 
@@ -660,6 +671,28 @@ def _add_trade(add: Any) -> None:
         "--keep-images",
         action="store_true",
         help="images of equal time and of equal error, for the report, in OUT_images/",
+    )
+
+
+def _add_stability(add: Any) -> None:
+    stability = add(
+        "stability",
+        _stability,
+        "Where floats break: scenes at the extremes in float32 and float64. Against the same\n"
+        "estimate in extended precision, and against the exact solution; the light's size against\n"
+        "translation; pixels near a light; sums of many samples.",
+        "penumbra stability -o build/stability/stability",
+    )
+    stability.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("build", "stability", "stability"),
+        metavar="OUT",
+        help="writes OUT.csv, OUT.json and OUT_scenes/ [build/stability/stability]",
+    )
+    stability.add_argument(
+        "--budget", choices=("full", "small"), default="full", help="small: fewer values [full]"
     )
 
 

@@ -7,14 +7,14 @@ compare.exact's. The images are tiny: what breaks, breaks in every pixel.
 
 from __future__ import annotations
 
-import copy
 import csv
 import json
 import math
-import shlex
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from itertools import pairwise as pairwise_of
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,21 @@ from tqdm import tqdm
 
 from compare import provenance, yardstick
 from compare.exact import exact_image
-from compare.library import PRECISIONS, PixelRenderer, Setting, WarmRenderer
+from compare.extremes import (
+    HEIGHT,
+    SWEEPS,
+    WIDTH,
+    Scene,
+    Sweep,
+    decades,
+    light_of_side,
+    translated,
+)
+from compare.image import read_image
+from compare.library import PRECISIONS, PROGRAM, PixelRenderer, Setting, WarmRenderer
+from compare.renderers import RendererError
 from compare.scene import read_scene
 
-Scene = dict[str, Any]
-Build = Callable[[float], Scene]
-WIDTH, HEIGHT = 8, 6
 LIGHT_SAMPLES, SEED = 16, 1
 LIMITS = (1e-4, 1e-2)
 """Relative errors whose crossing is marked: what a comparison notices, what an eye notices."""
@@ -37,266 +46,7 @@ ESTIMATORS = ("area", "textbook", "exact")
 """area: the program's own, float32; the two others pixel by pixel in both precisions."""
 
 
-class StabilityError(ValueError):
-    """A study that cannot be made; the text says why."""
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """One number of a scene over its range."""
-
-    name: str
-    title: str
-    parameter: str
-    """what changes, with its unit"""
-    values: tuple[float, ...]
-    build: Build
-    failure: str
-    """how floats fail here: cancellation, absorption, overflow, underflow, or none"""
-    text: str
-
-
-# ---- scenes
-
-
-def lit_floor(
-    corner: Sequence[float] = (0.5, 1, -0.5),
-    u: Sequence[float] = (-1, 0, 0),
-    v: Sequence[float] = (0, 0, 1),
-    power: float = 1.0,
-    color: Sequence[float] = (1, 1, 1),
-    surface: Sequence[float] = (0.5, 0.5, 0.5),
-    spheres: Sequence[tuple[Sequence[float], float]] = (),
-    camera: Sequence[float] = (0.1, 1, -2),
-    look_at: Sequence[float] = (0.1, 0, 0.05),
-    fov: float = 2.0,
-) -> Scene:
-    """A floor at y = 0 seen around look_at, under a quad light; by default 1 m square, 1 m up."""
-    return {
-        "name": "stability",
-        "image": {"width": WIDTH, "height": HEIGHT},
-        "camera": {
-            "position": list(camera), "look_at": list(look_at), "up": [0, 1, 0], "fov_y_deg": fov,
-        },
-        "background": [0, 0, 0],
-        "ray_max_distance": 1e9,
-        "spheres": [
-            {"name": f"s{i}", "center": list(c), "radius": r, "color": list(surface)}
-            for i, (c, r) in enumerate(spheres)
-        ],
-        "planes": [
-            {"name": "floor", "point": [0, 0, 0], "normal": [0, 1, 0], "color": list(surface)}
-        ],
-        "quad_lights": [
-            {"name": "light", "position": list(corner), "u": list(u), "v": list(v),
-             "color": list(color), "power": power}
-        ],
-    }  # fmt: skip
-
-
-def light_of_side(side: float, height: float = 1.0) -> Scene:
-    half = side / 2
-    return lit_floor((half, height, -half), (-side, 0, 0), (0, 0, side))
-
-
-def standing_light(low: float, high: float, x: float = 1.0) -> Scene:
-    """A vertical light at x, from `low` to `high` above the floor, facing the place x = 0."""
-    return lit_floor((x, low, -0.5), (0, high - low, 0), (0, 0, 1))
-
-
-def translated(scene: Scene, by: float) -> Scene:
-    """Along (1, 1, 1), by that much on each axis."""
-    return _mapped(scene, lambda point: [x + by for x in point], lambda v: v)
-
-
-def scaled(scene: Scene, by: float) -> Scene:
-    """All lengths; at fixed radiance the image stays the same."""
-
-    def grow(v: Sequence[float]) -> list[float]:
-        return [x * by for x in v]
-
-    larger = _mapped(scene, grow, grow)
-    for sphere in larger["spheres"]:
-        sphere["radius"] *= by
-    larger["ray_max_distance"] = min(1e9, max(1e-9, 1e3 * by))
-    return larger
-
-
-def mirrored(scene: Scene) -> Scene:
-    """In the plane x = 0. The light's u and v change places, so that it faces the same way."""
-
-    def flip(v: Sequence[float]) -> list[float]:
-        return [-v[0], *v[1:]]
-
-    other = _mapped(scene, flip, flip)
-    for light in other["quad_lights"]:
-        light["u"], light["v"] = light["v"], light["u"]
-    for plane in other["planes"]:
-        plane["normal"] = flip(plane["normal"])
-    return other
-
-
-def _mapped(scene: Scene, point: Callable[..., Any], vector: Callable[..., Any]) -> Scene:
-    new = copy.deepcopy(scene)
-    new["camera"] |= {k: point(new["camera"][k]) for k in ("position", "look_at")}
-    for kind, key in (("spheres", "center"), ("planes", "point"), ("quad_lights", "position"),
-                      ("point_lights", "position")):  # fmt: skip
-        for item in new.get(kind, []):
-            item[key] = point(item[key])
-    for light in new.get("quad_lights", []):
-        light |= {k: vector(light[k]) for k in ("u", "v")}
-    return new
-
-
-def in_a_ball(radius: float) -> Scene:
-    """Camera and light within a sphere; its far wall is what is seen."""
-    side = radius / 4
-    corner = (side / 2, radius / 2, -side / 2)
-    scene = lit_floor(
-        corner, (-side, 0, 0), (0, 0, side),
-        spheres=[((0, 0, 0), radius)], camera=(0, 0, 0), look_at=(0.1, -0.3, 1), fov=20,
-    )  # fmt: skip
-    return scene | {"planes": []}
-
-
-def light_in_a_ball(radius: float) -> Scene:
-    """A small light within a sphere above the floor: all is dark outside."""
-    side, height = radius / 4, 2 * radius
-    return lit_floor(
-        (side / 2, height, -side / 2), (-side, 0, 0), (0, 0, side),
-        spheres=[((0, height, 0), radius)],
-        camera=(0, radius, -4 * radius), look_at=(0, 0, 0), fov=20,
-    )  # fmt: skip
-
-
-def ball_on_the_floor(radius: float) -> Scene:
-    """The floor beside its point of contact with a sphere, a tenth of the radius away."""
-    return lit_floor(
-        (1.5, 3, -0.5), spheres=[((0, radius, 0), radius)],
-        camera=(radius, radius, -3 * radius), look_at=(0.6 * radius, 0, 0), fov=5,
-    )  # fmt: skip
-
-
-def decades(low: int, high: int, per_decade: int = 1) -> tuple[float, ...]:
-    """
-    >>> decades(-1, 1)
-    (0.1, 1.0, 10.0)
-    """
-    steps = range(low * per_decade, high * per_decade + 1)
-    return tuple(float(f"{10 ** (k / per_decade):.6g}") for k in steps)
-
-
-def signed(low: int, high: int) -> tuple[float, ...]:
-    """Decades on both sides of 0, and 0."""
-    values = decades(low, high)
-    return (*(-v for v in reversed(values)), 0.0, *values)
-
-
-SWEEPS = (
-    Sweep(
-        "size", "A light of side s, 1 m away", "s [m]", decades(-6, 6), light_of_side, "absorption",
-        "A small light's corners differ by less than a float at 1 m resolves: corner + s u absorbs "
-        "s u, and the light becomes a point. What it adds up to stays right.",
-    ),
-    Sweep(
-        "distance", "A light of 1 m at distance d", "d [m]", decades(-6, 6),
-        lambda d: light_of_side(1, d), "absorption",
-        "Far away as before. Close by, the light's plane is nearly that of the point.",
-    ),
-    Sweep(
-        "grazing", "A light at grazing angle", "angle [rad]", decades(-7, -1),
-        lambda a: standing_light(a, 2 * a), "cancellation",
-        "cos is the small difference of large products: n . w keeps the error of w's length.",
-    ),
-    Sweep(
-        "plane", "A point at height h before the light's plane", "h [m]", signed(-7, -1),
-        lambda h: lit_floor((2, h, -0.5)), "cancellation",
-        "Beside the light, just in front of its plane, in it and behind it.",
-    ),
-    Sweep(
-        "edge", "A point at height h before the light's edge", "h [m]", decades(-7, 0),
-        lambda h: lit_floor((0.1, h, -0.5)), "overflow",
-        "1 / d^2 is unbounded where a light touches a surface.",
-    ),
-    Sweep(
-        "corner", "A point at height h before the light's corner", "h [m]", decades(-7, 0),
-        lambda h: lit_floor((0.1, h, 0.05)), "overflow", "As at the edge.",
-    ),
-    Sweep(
-        "touching", "A tilted light that ends at height h above the floor", "h [m]",
-        (0.0, *decades(-7, 0)), lambda h: lit_floor((1, h, -0.5), (-1, 1, 0)), "cancellation",
-        "At h = 0 the light's lower edge lies in the floor.",
-    ),
-    Sweep(
-        "standing", "A vertical light that ends at height h", "h [m]", signed(-7, -1),
-        lambda h: standing_light(h, 1), "cancellation",
-        "Below the floor (h < 0) the light's lower part is hidden by the horizon.",
-    ),
-    Sweep(
-        "shear", "A sheared light, v = k u + 1 m across", "k", (0.0, *decades(-1, 6)),
-        lambda k: lit_floor((0.5 + k / 2, 1, -0.5), (-1, 0, 0), (-k, 0, 1)), "cancellation",
-        "|u x v| stays 1 while |u||v| grows: the area is a difference of large products.",
-    ),
-    Sweep(
-        "needle", "A needle: sides a and 1 / a", "a", decades(0, 6),
-        lambda a: lit_floor((a / 2, 1, -0.5 / a), (-a, 0, 0), (0, 0, 1 / a)), "absorption",
-        "Most of it is far away.",
-    ),
-    Sweep(
-        "degenerate", "Edges at angle a to each other", "angle [rad]", (2e-9, *decades(-8, 0)),
-        lambda a: lit_floor((0.5, 1, 0), (-1, 0, 0), (-math.cos(a), 0, math.sin(a))),
-        "cancellation", "u x v is the difference of near-equal products.",
-    ),
-    Sweep(
-        "translation", "The scene moved by t on every axis", "t [m]", (0.0, *decades(0, 7)),
-        lambda t: translated(light_of_side(1), t), "absorption",
-        "At 1e7 floats are 1 m apart: the scene's numbers themselves are absorbed.",
-    ),
-    Sweep(
-        "scale", "The scene scaled by k", "k", decades(-6, 6), lambda k: scaled(light_of_side(1), k),
-        "none", "Powers of ten round; nothing is added to anything else. d^4 must not overflow.",
-    ),
-    Sweep(
-        "power", "A light of power p", "p [W m^-2 sr^-1]", (0.0, 1e-38, 1e-30, *decades(-6, 6, 1)[::3],
-        1e20, 1e30), lambda p: lit_floor(power=p), "underflow",
-        "1e-38 is at the end of float32's range: the products below it lose digits.",
-    ),
-    Sweep(
-        "colour", "A surface and a light of colour c", "c", (0.0, 1e-30, 1e-20, *decades(-6, 6)[::2]),
-        lambda c: lit_floor(color=(c, c, c), surface=(c, c, c)), "underflow",
-        "The product of two colours of 1e-20 is 1e-40: float32 keeps four digits of it.",
-    ),
-    Sweep(
-        "sphere", "A sphere of radius r between floor and light", "r [m]", decades(-6, 6),
-        lambda r: lit_floor(spheres=[((0.1 + r, 0.5, 0.05), r)]), "cancellation",
-        "The edge of a large sphere is a straight one; r^2 - d^2 is a small difference of squares.",
-    ),
-    Sweep(
-        "inside", "Camera and light in a sphere of radius r", "r [m]", decades(-6, 6), in_a_ball,
-        "none", "Its far wall is seen and lit.",
-    ),
-    Sweep(
-        "enclosed", "A light in a sphere of radius r", "r [m]", decades(-6, 6), light_in_a_ball,
-        "none", "No light leaves the sphere: every number outside is exactly 0.",
-    ),
-    Sweep(
-        "tangent", "A sphere of radius r on the floor", "r [m]", decades(-3, 0, 3)[:-1],
-        ball_on_the_floor, "cancellation", "Sphere and floor touch.",
-    ),
-    Sweep(
-        "touch", "A sphere at distance g below the light", "g [m]", signed(-7, -2),
-        lambda g: lit_floor(spheres=[((0, 0.7 - g, 0), 0.3)], look_at=(0.35, 0, 0.05)),
-        "cancellation", "At g = 0 it touches the light, below 0 it pierces it.",
-    ),
-)  # fmt: skip
-
-
-def sweep_named(name: str) -> Sweep:
-    """Raises StabilityError."""
-    for sweep in SWEEPS:
-        if sweep.name == name:
-            return sweep
-    raise StabilityError(f'no sweep "{name}"; there are {", ".join(s.name for s in SWEEPS)}')
+MAP_RATIOS, MAP_TRANSLATIONS = decades(-6, 6), (0.0, *decades(0, 7))
 
 
 # ---- measuring
@@ -319,41 +69,45 @@ class Row:
     negative: int
 
 
-def measure(sweep: str, value: float, scene: Scene, folder: Path) -> list[Row]:
-    """The scene in every estimator and precision. Raises MissingProgramError, RendererError."""
+def measure(
+    sweep: str, value: float, scene: Scene, folder: Path, estimators: Sequence[str] = ESTIMATORS
+) -> list[Row]:
+    """The scene in these estimators and both precisions ("area" in float32 only).
+
+    Raises MissingProgramError, RendererError.
+    """
     file = folder / f"{sweep}_{value:.6g}.json"
     file.write_text(json.dumps(scene, indent=1) + "\n")
     sampled = yardstick.image(scene, LIGHT_SAMPLES, SEED)
-    exact = exact_image(read_scene(file)).radiance
+    exact = exact_image(read_scene(file)).radiance if "exact" in estimators else sampled
     rows = []
     for precision in PRECISIONS:
         by_pixel = PixelRenderer(file, precision)
-        images = {
-            "textbook": by_pixel.render("textbook", LIGHT_SAMPLES, SEED),
-            "exact": by_pixel.render("exact", 1, SEED),
-        }
-        if precision == PRECISIONS[0]:
-            images["area"] = program_image(file)
-        for estimator, found in images.items():
+        for estimator in estimators:
+            if estimator != "area":
+                found = by_pixel.render(estimator, LIGHT_SAMPLES, SEED)
+            elif precision == PRECISIONS[0]:
+                found = program_image(file)
+            else:
+                continue
             truth = exact if estimator == "exact" else sampled
-            rows.append(_row(sweep, value, estimator, precision, found, truth))
+            rows.append(
+                Row(
+                    sweep, value, estimator, precision, relative_error(found, truth),
+                    float(truth.mean()), int(np.isnan(found).sum()), int(np.isinf(found).sum()),
+                    int((found < 0).sum()),
+                )
+            )  # fmt: skip
     return rows
 
 
-def program_image(file: Path) -> np.ndarray:
-    """(H, W, 3) of build/bin/penumbra-render's own estimator, through its library."""
+def program_image(
+    file: Path, estimator: str = "area", light_samples: int = LIGHT_SAMPLES, seed: int = SEED
+) -> np.ndarray:
+    """(H, W, 3) of build/bin/penumbra-render's own loops, through its library."""
     warm = WarmRenderer(file, WIDTH, HEIGHT)
-    warm.render(Setting("independent", "area", LIGHT_SAMPLES, 1), SEED)
+    warm.render(Setting("independent", estimator, light_samples, 1), seed)
     return warm.radiance.transpose(1, 2, 0).copy()
-
-
-def _row(
-    sweep: str, value: float, estimator: str, precision: str, found: np.ndarray, truth: np.ndarray
-) -> Row:
-    return Row(
-        sweep, value, estimator, precision, relative_error(found, truth), float(truth.mean()),
-        int(np.isnan(found).sum()), int(np.isinf(found).sum()), int((found < 0).sum()),
-    )  # fmt: skip
 
 
 def relative_error(image: np.ndarray, reference: np.ndarray) -> float:
@@ -372,8 +126,266 @@ def relative_error(image: np.ndarray, reference: np.ndarray) -> float:
     return float(min(ratio, 1.0)) if np.isfinite(ratio) else 1.0
 
 
-def run(sweeps: Sequence[Sweep], folder: Path, every: int = 1) -> Iterator[Row]:
-    """All rows; every: only each so many-th value of a sweep."""
-    points = [(s, v) for s in sweeps for v in s.values[::every]]
-    for sweep, value in tqdm(points, disable=None, unit="scene"):
-        yield from measure(sweep.name, value, sweep.build(value), folder)
+# ---- the map: light size over distance, against translation
+
+
+def map_rows(folder: Path, every: int = 1) -> Iterator[dict[str, float]]:
+    """The area estimator's relative error for each ratio and translation, in both precisions.
+
+    Raises MissingProgramError, RendererError.
+    """
+    points = list(product(MAP_RATIOS[::every], MAP_TRANSLATIONS[::every]))
+    for ratio, by in tqdm(points, disable=None, unit="scene", desc="map"):
+        scene = translated(light_of_side(ratio), by)
+        rows = measure("map", ratio, scene, folder, ("area", "textbook"))
+        errors = {(r.estimator, r.precision): r.relative_error for r in rows}
+        yield {
+            "ratio": ratio,
+            "translation": by,
+            "float32": errors["area", "float32"],
+            "float64": errors["textbook", "float64"],
+        }
+
+
+# ---- trust: the noise of a light that is near
+
+
+def trust_rows(
+    folder: Path, heights: Sequence[float], counts: Sequence[int], seeds: int
+) -> Iterator[dict[str, Any]]:
+    """A light of 1 m at height h: the RMS error over seeds of N samples, spread over the area or
+    over the solid angle, against the exact solution; and the share of pixels that the program
+    says not to trust. Raises MissingProgramError, RendererError."""
+    points = list(product(heights, counts, ("area", "solid-angle")))
+    for height, count, estimator in tqdm(points, disable=None, unit="setting", desc="trust"):
+        file = folder / f"trust_{height:.6g}.json"
+        file.write_text(json.dumps(light_of_side(1, height), indent=1) + "\n")
+        exact = exact_image(read_scene(file)).radiance
+        warm = WarmRenderer(file, WIDTH, HEIGHT)
+        squares = []
+        for seed in range(1, seeds + 1):
+            warm.render(Setting("independent", estimator, count, 1), seed)
+            squares.append((warm.radiance.transpose(1, 2, 0) - exact) ** 2)
+        yield {
+            "height": height,
+            "light_samples": count,
+            "estimator": estimator,
+            "relative_rmse": float(np.sqrt(np.mean(squares) / (exact**2).mean())),
+            "untrusted": untrusted_share(file, estimator, count),
+        }
+
+
+def untrusted_share(file: Path, estimator: str, light_samples: int) -> float:
+    """Of the pixels, as the program's header says. Raises RendererError."""
+    out = file.with_suffix(".exr")
+    command = [str(PROGRAM), str(file), "-o", str(out), "--estimator", estimator]
+    command += ["--light-samples", str(light_samples)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    if done.returncode != 0:
+        raise RendererError(f"{PROGRAM}: {done.stderr.strip()}")
+    return float(read_image(out).attributes["untrustedPixels"]) / (WIDTH * HEIGHT)
+
+
+# ---- accumulation: summing N samples
+
+
+def naive(values: np.ndarray) -> np.ndarray:
+    """(P,) float32: one after the other. values: (N, P) float32."""
+    total = np.zeros(values.shape[1], np.float32)
+    for value in values:
+        total += value
+    return total
+
+
+def compensated(values: np.ndarray) -> np.ndarray:
+    """Kahan, "Further remarks on reducing truncation errors", CACM 8(1), 1965."""
+    total, lost = np.zeros((2, values.shape[1]), np.float32)
+    for value in values:
+        corrected = value - lost
+        larger = total + corrected
+        lost = (larger - total) - corrected
+        total = larger
+    return total
+
+
+def pairwise(values: np.ndarray) -> np.ndarray:
+    while len(values) > 1:
+        if len(values) % 2:
+            values = np.vstack([values, np.zeros_like(values[:1])])
+        values = values[::2] + values[1::2]
+    return np.asarray(values[0])
+
+
+def chunked(values: np.ndarray) -> np.ndarray:
+    """The renderer's: 256 in float32, one after the other, which then join a float64."""
+    total = np.zeros(values.shape[1])
+    for start in range(0, len(values), 256):
+        total += naive(values[start : start + 256])
+    return total
+
+
+def in_double(values: np.ndarray) -> np.ndarray:
+    return np.asarray(values.sum(axis=0, dtype=np.float64))
+
+
+SUMS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "naive": naive,
+    "pairwise": pairwise,
+    "compensated": compensated,
+    "chunks": chunked,
+    "double": in_double,
+}
+
+
+def accumulation_rows(counts: Sequence[int], pixels: int = 16) -> Iterator[dict[str, Any]]:
+    """RMS relative error of each sum of N light samples, float32 terms as they are, against
+    their sum in extended precision."""
+    rng = np.random.default_rng(SEED)
+    s, t = rng.random((2, max(counts), pixels)) - 0.5
+    terms = (1 / (1 + s**2 + t**2) ** 2).astype(np.float32)  # a light of 1 m, 1 m above
+    for count, (name, add) in product(tqdm(counts, disable=None, desc="sums"), SUMS.items()):
+        truth = terms[:count].sum(axis=0, dtype=np.longdouble)
+        error = (add(terms[:count]) - truth) / truth
+        yield {
+            "sum": name,
+            "light_samples": count,
+            "relative_error": float(np.sqrt(np.mean(error**2))),
+        }
+
+
+# ---- the study
+
+
+def study(out: Path, budget: str = "full") -> dict[str, Any]:
+    """Measure everything and write OUT.csv (a row an image), OUT.json (all else) and the scenes
+    that pass a limit, OUT_scenes/*.json. budget: "full" or "small", fewer values.
+
+    Raises MissingProgramError, RendererError, OSError.
+    """
+    every = {"full": 1, "small": 3}[budget]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        points = [(s, v) for s in SWEEPS for v in _thinned(s.values, every)]
+        rows = []
+        for sweep, value in tqdm(points, disable=None, unit="scene", desc="sweeps"):
+            rows += measure(sweep.name, value, sweep.build(value), folder)
+        heights = decades(-7, 0)[:: 2 * every - 1]
+        counts = (16, 64, 256, 1024, 4096)[::every]
+        trust = list(trust_rows(folder, heights, counts, 16 // every))
+        cells = list(map_rows(folder, every))
+    sums = list(accumulation_rows([1 << k for k in range(0, 21 if every == 1 else 13, 2)]))
+    scenes = out.with_name(out.name + "_scenes")
+    scenes.mkdir(parents=True, exist_ok=True)
+    result = {
+        "limits": LIMITS,
+        "light_samples": LIGHT_SAMPLES,
+        "seed": SEED,
+        "size": [WIDTH, HEIGHT],
+        "budget": budget,
+        "command": provenance.command_line(),
+        "machine": provenance.machine(),
+        "versions": provenance.versions(),
+        "images": len(rows),
+        "nan": sum(r.nan for r in rows),
+        "inf": sum(r.inf for r in rows),
+        "negative": sum(r.negative for r in rows),
+        "sweeps": [_summary(s, [r for r in rows if r.sweep == s.name], scenes) for s in SWEEPS],
+        "map": cells,
+        "trust": trust,
+        "sums": sums,
+    }
+    fields = list(asdict(rows[0]))
+    provenance.write_whole(out.with_suffix(".csv"), lambda part: _write_csv(part, fields, rows))
+    provenance.write_json(out.with_suffix(".json"), result)
+    return result
+
+
+def _thinned(values: tuple[float, ...], every: int) -> tuple[float, ...]:
+    """Each so many-th value, both ends and 0 among them.
+
+    >>> _thinned((-2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 3)
+    (-2.0, 0.0, 1.0, 3.0)
+    """
+    return tuple(
+        v for i, v in enumerate(values) if i % every == 0 or v == 0 or i == len(values) - 1
+    )
+
+
+def _write_csv(part: Path, fields: list[str], rows: Sequence[Row]) -> None:
+    with part.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, fields, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in rows)
+
+
+def _summary(sweep: Sweep, rows: list[Row], scenes: Path) -> dict[str, Any]:
+    curves = [
+        _curve(e, p, [r for r in rows if (r.estimator, r.precision) == (e, p)])
+        for p in PRECISIONS
+        for e in ESTIMATORS
+        if any((r.estimator, r.precision) == (e, p) for r in rows)
+    ]
+    return {
+        "name": sweep.name,
+        "title": sweep.title,
+        "parameter": sweep.parameter,
+        "failure": sweep.failure,
+        "text": sweep.text,
+        "curves": curves,
+        "example": _example(sweep, curves[0], scenes),
+    }
+
+
+def _curve(estimator: str, precision: str, rows: list[Row]) -> dict[str, Any]:
+    values, errors = [r.value for r in rows], [r.relative_error for r in rows]
+    return {
+        "estimator": estimator,
+        "precision": precision,
+        "values": values,
+        "errors": errors,
+        "crossings": {f"{limit:g}": crossings(values, errors, limit) for limit in LIMITS},
+    }
+
+
+def crossings(values: Sequence[float], errors: Sequence[float], limit: float) -> list[float]:
+    """Values between which the error passes the limit, interpolated on logarithmic axes; where
+    that cannot be done (0, or another sign) the one of the two that is beyond the limit.
+
+    >>> [round(v, 6) for v in crossings([1.0, 10.0, 100.0], [1e-7, 1e-5, 1e-3], 1e-4)]
+    [31.622777]
+    """
+    found = []
+    for (a, x), (b, y) in pairwise_of(list(zip(values, errors, strict=True))):
+        if (x > limit) == (y > limit):
+            continue
+        if a * b > 0 and x > 0 and y > 0:
+            share = math.log(limit / x) / math.log(y / x)
+            found.append(math.copysign(abs(a) ** (1 - share) * abs(b) ** share, a))
+        else:
+            found.append(a if x > limit else b)
+    return found
+
+
+def _example(sweep: Sweep, curve: dict[str, Any], scenes: Path) -> dict[str, Any]:
+    """The mildest scene beyond the larger limit; if there is none, beyond the smaller; if there
+    is none, the worst."""
+    pairs = [(e, v) for e, v in zip(curve["errors"], curve["values"], strict=True)]
+    chosen = max(pairs)
+    for limit in LIMITS:
+        beyond = [pair for pair in pairs if pair[0] > limit]
+        chosen = min(beyond) if beyond else chosen
+    error, value = chosen
+    scene = sweep.build(value)
+    file = scenes / f"{sweep.name}_{value:g}.json"
+    provenance.write_json(file, scene)
+    command = (
+        f"build/bin/penumbra-render {file} -o {sweep.name}.exr "
+        f"--light-samples {LIGHT_SAMPLES} --seed {SEED}"
+    )
+    return {
+        "value": value,
+        "error": error,
+        "file": str(file),
+        "scene": scene,
+        "commands": [command, command.replace("penumbra-render", "penumbra-render-float64")],
+    }

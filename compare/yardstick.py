@@ -101,8 +101,10 @@ def first_hits(scene: dict[str, Any]) -> Hits:
     object_ = np.full(len(x), NOTHING)
     objects = [*scene.get("spheres", []), *scene.get("planes", [])]
     for index, item in enumerate(objects):
-        t = sphere_hit(item, start, direction) if "radius" in item else plane_hit(
-            item, start, direction
+        t = (
+            sphere_hit(item, start, direction)
+            if "radius" in item
+            else plane_hit(item, start, direction)
         )
         closer = (t > 0) & (t < nearest)
         nearest[closer], object_[closer] = t[closer], index
@@ -110,8 +112,10 @@ def first_hits(scene: dict[str, Any]) -> Hits:
     normal, brdf = np.zeros_like(point), np.zeros_like(point)
     for index, item in enumerate(objects):
         mine = object_ == index
-        out = unit(point[mine] - np.array(item["center"], Real)) if "radius" in item else unit(
-            np.array(item["normal"], Real)
+        out = (
+            unit(point[mine] - np.array(item["center"], Real))
+            if "radius" in item
+            else unit(np.array(item["normal"], Real))
         )
         normal[mine], brdf[mine] = out, np.array(item["color"], Real)
     normal *= np.where(dot(normal, direction) > 0, -1, 1)[:, None]
@@ -136,7 +140,7 @@ def occluded(scene: dict[str, Any], hits: Hits, direction: Array, distance: Arra
 def sphere_hit(sphere: dict[str, Any], origin: Array, direction: Array) -> Array:
     """(P,) the nearest t > 0, or 0."""
     radius = Real(sphere["radius"])
-    to_origin = origin - np.array(sphere["center"], Real)
+    to_origin: Array = origin - np.array(sphere["center"], Real)
     along = dot(to_origin, direction)
     across = to_origin - direction * along[:, None]
     root = np.sqrt(np.maximum(radius**2 - dot(across, across), 0))

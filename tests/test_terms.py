@@ -52,9 +52,10 @@ class Cases:
         front = np.sign(dot(np.cross(e1, e2), e3))[:, None] * e3
         distance, tilt = power("distance", -6, 6), power("tilt", -7, 0)
         # before a place on the light, off its axis by the tilt; one in eight behind it
-        away = np.sqrt(np.maximum(1 - tilt**2, 0)) * e1 + tilt * np.where(
-            rng.random((n, 1)) < 1 / 8, 1, -1
-        ) * front
+        away = (
+            np.sqrt(np.maximum(1 - tilt**2, 0)) * e1
+            + tilt * np.where(rng.random((n, 1)) < 1 / 8, 1, -1) * front
+        )
         move = power("move", -3, 7) * np.where(rng.random((n, 1)) < 0.5, 0, 1)
         corner = rng.normal(size=(n, 3)) * move
         q["corner"], q["u"], q["v"] = corner, u, v
