@@ -32,6 +32,8 @@ Hit scene_hit(const Scene *scene, Ray ray)
         const Plane *plane = &scene->planes[hit.object - scene->nb_spheres];
         hit.normal = plane->normal;
         hit.brdf = plane->brdf;
+        real height = vec3_dot(plane->normal, vec3_sub(hit.point, plane->point));
+        hit.point = vec3_along(hit.point, plane->normal, -height);
     }
     if (vec3_dot(hit.normal, ray.direction) > 0)
         hit.normal = vec3_scale(hit.normal, -1);
