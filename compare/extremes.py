@@ -96,6 +96,21 @@ def scaled(scene: Scene, by: float) -> Scene:
     return larger
 
 
+def tilted(scene: Scene) -> Scene:
+    """Turned by 0.3 rad about z and 0.5 about x: no coordinate is a round number any more."""
+    c, s, d, t = math.cos(0.3), math.sin(0.3), math.cos(0.5), math.sin(0.5)
+
+    def turn(v: Sequence[float]) -> list[float]:
+        x, y, z = c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
+        return [x, d * y - t * z, t * y + d * z]
+
+    new = _mapped(scene, turn, turn)
+    new["camera"]["up"] = turn(new["camera"]["up"])
+    for plane in new["planes"]:
+        plane["normal"] = turn(plane["normal"])
+    return new
+
+
 def mirrored(scene: Scene) -> Scene:
     """In the plane x = 0. The light's u and v change places, so that it faces the same way."""
 
@@ -181,6 +196,12 @@ SWEEPS = (
         "grazing", "A light at grazing angle", "angle [rad]", decades(-7, -1),
         lambda a: standing_light(a, 2 * a), "cancellation",
         "cos is the small difference of large products: n . w keeps the error of w's length.",
+    ),
+    Sweep(
+        "tilted", "The same, the scene tilted", "angle [rad]", decades(-7, -1),
+        lambda a: tilted(standing_light(a, 2 * a)), "cancellation",
+        "Put back on the floor, a point of a level floor is exactly on it, and grazing light loses "
+        "nothing. On a tilted one it is off by a rounding, and n . w is a difference of 1 and 1.",
     ),
     Sweep(
         "plane", "A point at height h before the light's plane", "h [m]", signed(-7, -1),

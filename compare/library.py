@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,7 @@ def build_of(file: Path, precision: str) -> Path:
     return file.with_stem(f"{file.stem}-{precision}") if precision != PRECISIONS[0] else file
 
 
+@cache
 def names(option: str) -> tuple[str, ...]:
     """The names that the program's --option takes, in the C enum's order, asked of the program.
 
@@ -117,6 +119,11 @@ class WarmRenderer:
     def radiance(self) -> np.ndarray:
         """(3, H, W) float32 of the last frame; the next one overwrites it."""
         return self._buffers[0]
+
+    @property
+    def buffers(self) -> np.ndarray:
+        """(2, 3, H, W) float32: radiance and variance of the last frame."""
+        return self._buffers
 
     def render(self, setting: Setting, seed: int) -> float:
         """Render a frame; the wall time of C's render() [s]. Raises RendererError."""

@@ -112,12 +112,13 @@ def first_hits(scene: dict[str, Any]) -> Hits:
     normal, brdf = np.zeros_like(point), np.zeros_like(point)
     for index, item in enumerate(objects):
         mine = object_ == index
-        out = (
-            unit(point[mine] - np.array(item["center"], Real))
-            if "radius" in item
-            else unit(np.array(item["normal"], Real))
-        )
-        normal[mine], brdf[mine] = out, np.array(item["color"], Real)
+        brdf[mine] = np.array(item["color"], Real)
+        if "radius" in item:
+            normal[mine] = unit(point[mine] - np.array(item["center"], Real))
+            continue
+        normal[mine] = n = unit(np.array(item["normal"], Real))
+        # back onto the plane: longdouble rounds as well
+        point[mine] -= ((point[mine] - np.array(item["point"], Real)) @ n)[:, None] * n
     normal *= np.where(dot(normal, direction) > 0, -1, 1)[:, None]
     return Hits(object_, point, normal, brdf)
 

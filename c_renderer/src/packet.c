@@ -136,6 +136,13 @@ static void shade_plane(const Plane *plane, int object, HitPacket *hits)
     SIMD for (int i = 0; i < LANES; i++)
     {
         int here = hits->object[i] == object;
+        real height = p.normal.x * (hits->point.x[i] - p.point.x) +
+                      p.normal.y * (hits->point.y[i] - p.point.y) +
+                      p.normal.z * (hits->point.z[i] - p.point.z);
+        height = here ? height : 0; /* as scene_hit */
+        hits->point.x[i] -= height * p.normal.x;
+        hits->point.y[i] -= height * p.normal.y;
+        hits->point.z[i] -= height * p.normal.z;
         hits->normal.x[i] = here ? p.normal.x : hits->normal.x[i];
         hits->normal.y[i] = here ? p.normal.y : hits->normal.y[i];
         hits->normal.z[i] = here ? p.normal.z : hits->normal.z[i];

@@ -32,6 +32,8 @@ Hit scene_hit(const Scene *scene, Ray ray)
         const Plane *plane = &scene->planes[hit.object - scene->nb_spheres];
         hit.normal = plane->normal;
         hit.brdf = plane->brdf;
+        /* back onto the plane: rounding left it there by an error of the ray's length, and a light
+         * that is near, or low over the plane, is seen from wherever the point is */
         real height = vec3_dot(plane->normal, vec3_sub(hit.point, plane->point));
         hit.point = vec3_along(hit.point, plane->normal, -height);
     }
