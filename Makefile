@@ -236,6 +236,14 @@ PYTHON_FILES := penumbra.py bench blender_ref compare report tests
 test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
 	.venv/bin/pytest -n auto --maxprocesses 8
 
+# Where floats break: every sweep in full, and twenty times the cases of the tests.
+build/stability/stability.json: $(COMPARE) | build
+	$(PENUMBRA) stability -o build/stability/stability
+
+.PHONY: stress-numbers
+stress-numbers: build/stability/stability.json build
+	PENUMBRA_STRESS=20 .venv/bin/pytest tests/test_stability.py tests/test_terms.py tests/test_precision.py
+
 ## lint : style and types, Python and C
 .PHONY: lint
 lint: build/setup.run

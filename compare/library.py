@@ -105,13 +105,9 @@ class WarmRenderer:
         self, scene_file: Path, width: int, height: int, precision: str = PRECISIONS[0]
     ) -> None:
         self.scene_file, self.width, self.height = scene_file, width, height
-        self.program, library = build_of(PROGRAM, precision), build_of(LIBRARY, precision)
+        self.program = build_of(PROGRAM, precision)
         self.samplers, self.estimators = names("sampler"), names("estimator")
-        self._ffi = _declarations()
-        try:
-            self._library: Any = self._ffi.dlopen(str(library))
-        except OSError as error:
-            raise MissingProgramError(f"{library}: {error}: run `make build`") from error
+        self._ffi, self._library = _opened("float *", precision)
         self._scene = self._read()
         self._buffers = np.zeros((2, 3, height, width), dtype=np.float32)
 
@@ -219,14 +215,7 @@ class PixelRenderer:
     images are float32. Raises MissingProgramError, RendererError."""
 
     def __init__(self, scene_file: Path, precision: str) -> None:
-        file = build_of(LIBRARY, precision)
-        self._ffi = cffi.FFI()
-        real = "float" if precision == PRECISIONS[0] else "double"
-        self._ffi.cdef(f"typedef {real} real;\n{_typedefs(SINGLE_HEADERS)}\n{SINGLE_FUNCTIONS}")
-        try:
-            self._library: Any = self._ffi.dlopen(str(file))
-        except OSError as error:
-            raise MissingProgramError(f"{file}: {error}: run `make build`") from error
+        self._ffi, self._library = _opened("real", precision)
         message = self._ffi.new("char[1024]")
         self.scene = self._ffi.gc(self._ffi.new("Scene *"), self._library.scene_free)
         name = str(scene_file).encode()
@@ -263,6 +252,25 @@ def _typedefs(headers: tuple[str, ...]) -> str:
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
     nested = r"\{(?:[^{}]|\{[^{}]*\})*\}"
     return "\n".join(re.findall(rf"typedef (?:struct|enum) {nested} \w+;", text))
+
+
+@cache
+def _opened(interface: str, precision: str) -> tuple[cffi.FFI, Any]:
+    """A precision's library, once, with the functions of whole images ("float *") or of single
+    pixels ("real"). Raises MissingProgramError."""
+    file = build_of(LIBRARY, precision)
+    ffi = _declarations() if interface == "float *" else _pixel_declarations(precision)
+    try:
+        return ffi, ffi.dlopen(str(file))
+    except OSError as error:
+        raise MissingProgramError(f"{file}: {error}: run `make build`") from error
+
+
+def _pixel_declarations(precision: str) -> cffi.FFI:
+    ffi = cffi.FFI()
+    real = "float" if precision == PRECISIONS[0] else "double"
+    ffi.cdef(f"typedef {real} real;\n{_typedefs(SINGLE_HEADERS)}\n{SINGLE_FUNCTIONS}")
+    return ffi
 
 
 def _declarations() -> cffi.FFI:

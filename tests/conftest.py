@@ -13,6 +13,8 @@ import pytest
 
 from compare.image import Image, read_image
 
+STRESS = int(os.environ.get("PENUMBRA_STRESS", "1"))
+"""How many times its usual number of cases a test of many runs; `make stress` sets it."""
 ROOT = Path(__file__).resolve().parent.parent
 
 

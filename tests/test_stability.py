@@ -32,6 +32,7 @@ from compare.stability import (
     study,
     trust_rows,
 )
+from tests.conftest import STRESS
 
 Render = Callable[..., Image]
 EPS = {"float32": float(np.finfo(np.float32).eps), "float64": float(np.finfo(np.float64).eps)}
@@ -185,7 +186,7 @@ def any_scene(draw: st.DrawFn) -> dict[str, Any]:
             item["name"] = letter + item["name"]
     return {
         "name": "any",
-        "image": {"width": 17, "height": 2},
+        "image": {"width": 5, "height": 1},
         "camera": {
             "position": draw(VECTOR), "look_at": draw(VECTOR), "up": draw(VECTOR),
             "fov_y_deg": draw(st.sampled_from([0.001, 2.0, 60.0, 179.0])),
@@ -196,7 +197,7 @@ def any_scene(draw: st.DrawFn) -> dict[str, Any]:
 
 
 @settings(
-    max_examples=400,
+    max_examples=250 * STRESS,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
@@ -210,7 +211,7 @@ def test_every_valid_scene_gives_finite_images(
     file = write(scene, tmp_path_factory.getbasetemp())
     for precision in PRECISIONS:
         try:
-            warm = WarmRenderer(file, 17, 2, precision)
+            warm = WarmRenderer(file, 5, 1, precision)
         except RendererError:
             with pytest.raises(SceneError):
                 read_scene(file)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from compare.yardstick import Real, dot, norm, uniforms
+from tests.conftest import STRESS
 from tests.core import Core, core
 
 CASES = 1_000_000
@@ -160,8 +161,9 @@ def test_a_million_terms_are_within_their_rounding(precision: str) -> None:
     surface's cosine) and contribution of one light sample each. Sides and distances of 1e-6 to
     1e6 m, aspects and angles of edges down to 1e-6, tilts against the light and grazing angles
     down to 1e-7, moved by up to 1e7 m; half of all parameters near one end of their range."""
-    cases = Cases(core(precision), CASES if precision == "float32" else CASES // 4,
-                  np.random.default_rng(1))  # fmt: skip
-    wrong = outside(cases)
-    assert cases.usable.mean() > 0.5
-    assert {name: int(bad.sum()) for name, bad in wrong.items()} == dict.fromkeys(wrong, 0)
+    for batch in range(STRESS):
+        cases = Cases(core(precision), CASES if precision == "float32" else CASES // 4,
+                      np.random.default_rng(batch + 1))  # fmt: skip
+        wrong = outside(cases)
+        assert cases.usable.mean() > 0.5
+        assert {name: int(bad.sum()) for name, bad in wrong.items()} == dict.fromkeys(wrong, 0)
