@@ -84,6 +84,15 @@ $(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
 .PHONY: build
 build: build/bin/penumbra-render build/lib/libpenumbra.so
 
+# Where shadow rays should start: a study in both precisions, of the renderer's own functions.
+SELF_SHADOW := build/lib/libself_shadow.so build/lib/libself_shadow-float64.so
+$(SELF_SHADOW): compare/self_shadow.c $(patsubst %,c_renderer/src/%.c,scene shape light) \
+    $(wildcard c_renderer/src/*.h) Makefile | build/setup.run
+	@mkdir -p $(@D)
+	gcc $(C_FLAGS) -O3 -march=native $(if $(findstring -float64,$@),-DPENUMBRA_FLOAT64) \
+	    -Ic_renderer/src -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
+build: $(SELF_SHADOW)
+
 # ---------------------------------------------------------------- the experiment
 
 PENUMBRA := .venv/bin/penumbra
@@ -168,6 +177,14 @@ build/trade/%.json: scenes/%.json $(RENDER) build/lib/libpenumbra.so $(COMPARE)
 .PHONY: trade
 trade: build/trade/tp3.json
 
+## self-shadow : where shadow rays should start, on a map; the next report shows it
+.PHONY: self-shadow
+self-shadow: build/stability/self_shadow.json
+
+build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/self_shadow.py \
+    scenes/tp3.json $(SELF_SHADOW)
+	$(PENUMBRA) self-shadow -o build/stability/self_shadow
+
 IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
           $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
@@ -177,7 +194,7 @@ PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
-    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv $(wildcard build/trade/tp3.json) \
+    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv $(wildcard build/trade/tp3.json build/stability/self_shadow.json) \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
@@ -230,14 +247,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch]
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch] compare/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch]
+	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch] compare/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

@@ -40,9 +40,9 @@ static void hit_sphere(const Sphere *sphere, int object, Vec3 origin, const Vec3
         real discriminant = radius_squared - (px * px + py * py + pz * pz);
         real half_chord = sqrt(discriminant); /* NaN: a miss */
         real far_root = half_chord - along;
-        /* From inside, the far wall; its other form is shape.c's, against cancellation. */
+        /* From inside or on it, the far wall; its other form is shape.c's, against cancellation. */
         real from_inside = along > 0 ? -outside / (half_chord + along) : far_root;
-        distance[i] = outside < 0 ? from_inside : outside / far_root;
+        distance[i] = outside <= 0 ? from_inside : outside / far_root;
     }
     SIMD for (int i = 0; i < LANES; i++)
     {
