@@ -13,6 +13,7 @@ import csv
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -210,7 +211,7 @@ def _turned(
 ) -> Study:
     """floor: the plane y = 0 before turning."""
     turn = _turn()
-    balls = np.array(spheres, dtype=float)
+    balls, sheets = np.array(spheres, dtype=float), np.asarray(aims, dtype=float)
     return Study(
         name,
         text,
@@ -218,7 +219,7 @@ def _turned(
         np.concatenate([np.zeros(3), turn[:, 1]])[None] if floor else np.zeros((0, 6)),
         (np.array(quad) @ turn.T).ravel(),
         turn @ np.array(camera),
-        (np.array(aims) @ turn.T).reshape(len(aims), 9),
+        (sheets @ turn.T).reshape(len(sheets), 9),
     )
 
 
@@ -258,15 +259,22 @@ def answers(
 
 
 def counts(judged: np.ndarray) -> list[dict[str, Any]]:
-    """From answers(): for each of JUDGED, how many shadow rays were sent, how many of them are
-    truly visible and hidden, and its mistakes with rates and Clopper-Pearson intervals.
+    """`mistakes`, with their rates and Clopper-Pearson intervals.
 
-    self_shadow: truly visible, hidden by the surface that the ray leaves. light_leak: truly
-    hidden, said to be visible. other_shadow: truly visible, hidden by another surface. Rates
-    are of the visible or the hidden rays; None where there are none.
+    Rates are of the visible or the hidden rays; None where there are none.
 
     >>> counts(np.array([[1, 1, 2, 1, 1, 1], [3, 3, 1, 3, 3, 3]]))[1]["self_shadow_rate"]
     1.0
+    """
+    return _with_rates(mistakes(judged))
+
+
+def mistakes(judged: np.ndarray) -> list[dict[str, Any]]:
+    """From answers(): for each of JUDGED, how many shadow rays were sent, how many of them are
+    truly visible and hidden, and its mistakes.
+
+    self_shadow: truly visible, hidden by the surface that the ray leaves. light_leak: truly
+    hidden, said to be visible. other_shadow: truly visible, hidden by another surface.
     """
     sent = judged[judged[:, 0] != NOT_SENT]
     visible = sent[:, 0] == VISIBLE
@@ -278,34 +286,43 @@ def counts(judged: np.ndarray) -> list[dict[str, Any]]:
             "light_leak": int((~visible & (said == VISIBLE)).sum()),
             "other_shadow": int((visible & (said == OTHER)).sum()),
         }
-        row = {"strategy": strategy, "sent": len(sent), "visible": int(visible.sum())}
+        row: dict[str, Any] = {
+            "strategy": strategy,
+            "sent": len(sent),
+            "visible": int(visible.sum()),
+        }
         row["hidden"] = row["sent"] - row["visible"]
-        rows.append(_with_rates(row | found))
+        rows.append(row | found)
     return rows
 
 
-def _with_rates(row: dict[str, Any]) -> dict[str, Any]:
+def _with_rates(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    result = [dict(row) for row in rows]
     for mistake in MISTAKES:
-        n = row["hidden" if mistake == "light_leak" else "visible"]
-        low, high = proportion_interval(row[mistake], n) if n else (None, None)
-        row[f"{mistake}_rate"] = row[mistake] / n if n else None
-        row[f"{mistake}_low"], row[f"{mistake}_high"] = low, high
-    return row
+        of = "hidden" if mistake == "light_leak" else "visible"
+        n, k = (np.array([row[name] for row in rows]) for name in (of, mistake))
+        low, high = proportion_interval(k, n)
+        for i in range(len(rows)):
+            values = (k[i] / n[i], low[i], high[i]) if n[i] else (None, None, None)
+            for name, value in zip(("rate", "low", "high"), values, strict=True):
+                result[i][f"{mistake}_{name}"] = None if value is None else float(value)
+    return result
 
 
 def proportion_interval(
-    successes: int, trials: int, confidence: float = CONFIDENCE
-) -> tuple[float, float]:
+    successes: np.ndarray | int, trials: np.ndarray | int, confidence: float = CONFIDENCE
+) -> tuple[np.ndarray, np.ndarray]:
     """Clopper and Pearson's interval of a probability (Biometrika 26, 1934): it holds the truth
-    at least as often as `confidence` says.
+    at least as often as `confidence` says. [0, 1] for no trials.
 
-    >>> [round(end, 4) for end in proportion_interval(0, 100)]
+    >>> [round(float(end), 4) for end in proportion_interval(0, 100)]
     [0.0, 0.0362]
     """
     tail = (1 - confidence) / 2
-    low = stats.beta.ppf(tail, successes, trials - successes + 1) if successes else 0.0
-    high = stats.beta.isf(tail, successes + 1, trials - successes) if successes < trials else 1.0
-    return float(low), float(high)
+    k, n = np.asarray(successes, dtype=float), np.asarray(trials, dtype=float)
+    low = stats.beta.ppf(tail, k, n - k + 1)
+    high = stats.beta.isf(tail, k + 1, n - k)
+    return np.where(k > 0, low, 0.0), np.where(k < n, high, 1.0)
 
 
 def self_shadow_map(
@@ -322,19 +339,20 @@ def self_shadow_map(
     Raises MissingProgramError.
     """
     rows: list[dict[str, Any]] = []
+    scenes = studies()
     cells = list(itertools.product(precisions, translations, scales))
     for precision, translation, scale in tqdm(cells, desc="self-shadow", disable=None):
         where = {"precision": precision, "translation": translation, "scale": scale}
         one = [
             row | where | {"scene": study.name}
-            for study in studies()
+            for study in scenes
             if study.is_representable(precision, translation, scale)
-            for row in counts(answers(study, precision, translation, scale, rays, seed))
+            for row in mistakes(answers(study, precision, translation, scale, rays, seed))
         ]
         rows += one
         if one:
             rows += [row | where | {"scene": "all"} for row in _summed(one)]
-    return rows
+    return _with_rates(rows)
 
 
 def _summed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -343,15 +361,17 @@ def _summed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for strategy in JUDGED:
         same = [row for row in rows if row["strategy"] == strategy]
         total = {k: sum(row[k] for row in same) for k in ("sent", "visible", "hidden", *MISTAKES)}
-        result.append(_with_rates({"strategy": strategy} | total))
+        result.append({"strategy": strategy} | total)
     return result
 
 
 def verdict(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """One row a precision and strategy, over all scenes, translations and scales: the mistakes
-    and their rates, the share of all shadow rays that it answers wrongly, in how many cells of
-    the map it is worse than another strategy, and whether it wins: fewest wrong answers."""
-    result = []
+    """One row for each precision and strategy, over all scenes, translations and scales.
+
+    The mistakes and their rates; wrong_rate, the share of all shadow rays that it answers
+    wrongly; in how many cells of the map another strategy makes fewer mistakes; and whether it
+    wins: fewest wrong answers in all."""
+    result: list[dict[str, Any]] = []
     for precision in dict.fromkeys(row["precision"] for row in rows):
         cells = [r for r in rows if r["precision"] == precision and r["scene"] == "all"]
         least: dict[tuple[float, float], int] = {}
@@ -372,7 +392,7 @@ def verdict(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
                 "wins": total["strategy"] in STRATEGIES and _wrong(total) == fewest,
             }
             result.append(total | extra)
-    return result
+    return _with_rates(result)
 
 
 def verdict_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -416,6 +436,7 @@ def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
         writer.writerows(rows)
 
 
+@cache
 def _library(precision: str) -> tuple[cffi.FFI, Any]:
     ffi = cffi.FFI()
     ffi.cdef(DECLARATION.format(real="double" if precision == "float64" else "float"))
