@@ -247,6 +247,15 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
         return _svg(figure, name, description)
 
 
+def rate_colours() -> tuple[ListedColormap, BoundaryNorm]:
+    """White for a rate of 0, then a colour for each of RATE_STEPS, that rate included."""
+    colours = colormaps["inferno_r"](np.linspace(0.12, 0.92, len(RATE_STEPS)))
+    scheme = ListedColormap([(1, 1, 1, 1), *colours], name="rates")
+    scheme.set_bad(ABSENT)
+    edges = [np.nextafter(edge, 2) for edge in (-1.0, 0.0, *RATE_STEPS)]
+    return scheme, BoundaryNorm(edges, scheme.N)
+
+
 def rate_maps(
     name: str,
     description: str,
@@ -261,11 +270,7 @@ def rate_maps(
     rates: (lines, columns, y, x) in [0, 1], NaN where there is none (grey). columns, lines: the
     panels' titles. x, y: an axis's label, and its values' names.
     """
-    colours = colormaps["inferno_r"](np.linspace(0.12, 0.92, len(RATE_STEPS)))
-    scheme = ListedColormap([(1, 1, 1, 1), *colours], name="rates").with_extremes(bad=ABSENT)
-    edges = (-1.0, 0.0, *RATE_STEPS)
-    # The smallest rate above 0 is no longer white, a rate at an edge belongs below it.
-    norm = BoundaryNorm([np.nextafter(edge, 2) for edge in edges], scheme.N)
+    scheme, norm = rate_colours()
     with matplotlib.rc_context(RC | {"axes.grid": False, "font.size": 8}):
         figure = Figure(figsize=(9.6, 4.9), layout="constrained")
         panels = figure.subplots(len(lines), len(columns), sharex=True, sharey=True, squeeze=False)
@@ -281,7 +286,7 @@ def rate_maps(
             axes.set_ylabel(f"{title}\n{y[0]}", fontsize=8.5)
         for axes in panels[-1]:
             axes.set_xlabel(x[0])
-        middles = [(a + b) / 2 for a, b in pairwise(edges)]
+        middles = [(a + b) / 2 for a, b in pairwise(norm.boundaries)]
         bar = figure.colorbar(ScalarMappable(norm, scheme), ax=panels, ticks=middles,
                               spacing="uniform", aspect=30, pad=0.01)  # fmt: skip
         bar.ax.set_yticklabels(["none", *(f"≤ {100 * step:g} %" for step in RATE_STEPS)])

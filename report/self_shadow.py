@@ -55,20 +55,14 @@ def self_shadow(build_dir: Path) -> dict[str, Any]:
 
 def _section(measured: dict[str, Any], rows: Sequence[dict[str, str]]) -> dict[str, Any]:
     verdict = {(v["precision"], v["strategy"]): v for v in measured["verdict"]}
-    winner = next(v for v in measured["verdict"] if v["wins"] and v["precision"] == "float32")
     return {
         "svg": heat_map(rows, "float32"),
-        "titles": TITLES,
-        "winner": TITLES[winner["strategy"]],
-        "winner_wrong": percent_of(winner["wrong_rate"]),
+        "skip_wrong": percent_of(verdict["float32", "skip"]["wrong_rate"]),
         "floor_wrong": percent_of(verdict["float32", "rounding"]["wrong_rate"]),
         "scenes": [{"name": k, "text": v} for k, v in measured["scenes"].items()],
         "rays": measured["rays"],
         "confidence": percent(measured["confidence"]),
         "verdict": [_verdict(v) for v in measured["verdict"]],
-        "worst": {
-            strategy: _worst(rows, strategy, "float32") for strategy in TITLES if strategy != "skip"
-        },
         "command": measured["command"],
     }
 
@@ -94,25 +88,6 @@ def percent_of(rate: float) -> str:
     ('12.3', '0')
     """
     return digits(100 * rate)
-
-
-def _worst(rows: Sequence[dict[str, str]], strategy: str, precision: str) -> dict[str, str]:
-    """Where a way is at its worst: the text that names scene, translation, scale and rate."""
-    mine = [
-        (float(row[f"{mistake}_rate"]), row, title)
-        for row in rows
-        if row["strategy"] == strategy and row["precision"] == precision and row["scene"] != "all"
-        for mistake, title in MISTAKES.items()
-        if row[f"{mistake}_rate"]
-    ]
-    rate, row, title = max(mine, key=lambda entry: entry[0])
-    return {
-        "title": title,
-        "rate": percent(rate),
-        "scene": row["scene"],
-        "translation": power(float(row["translation"])),
-        "scale": power(float(row["scale"])),
-    }
 
 
 def heat_map(rows: Sequence[dict[str, str]], precision: str) -> Markup:

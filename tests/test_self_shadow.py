@@ -4,11 +4,13 @@ wrong, and that the renderer's own is the fourth."""
 from __future__ import annotations
 
 import csv
+import doctest
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jinja2
 import mpmath
 import numpy as np
 import pytest
@@ -39,6 +41,11 @@ from compare.self_shadow import (
     verdict,
     write_map,
 )
+from report import self_shadow as report
+from report.build import TEMPLATES
+from report.figures import rate_colours
+from report.inputs import ReportError
+from report.words import digits
 from tests import core
 
 RAYS = 1024
@@ -431,3 +438,63 @@ def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     self_shadow._library.cache_clear()
     with pytest.raises(MissingProgramError, match="make build"):
         answers(BY_NAME["tp3"], "float64", 0.0, 1.0, 1, 1)
+
+
+# ---------------------------------------------------------------- the report
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A build folder with a small map."""
+    folder = tmp_path_factory.mktemp("build")
+    write_map(folder / "stability" / "self_shadow", 16)
+    return folder
+
+
+def test_report_does_without_what_was_not_measured(tmp_path: Path) -> None:
+    assert report.self_shadow(tmp_path) == {"self_shadow": None}
+
+
+def test_report_states_the_verdict_and_draws_the_map(measured: Path) -> None:
+    """Every way and every scene is named; the wrong share of skipping is the JSON's."""
+    section = report.self_shadow(measured)["self_shadow"]
+    table = json.loads((measured / "stability" / "self_shadow.json").read_text())["verdict"]
+    skip = next(v for v in table if (v["precision"], v["strategy"]) == ("float32", "skip"))
+    assert section["skip_wrong"] == digits(100 * skip["wrong_rate"])
+    assert [row["title"] for row in section["verdict"] if row["wins"]] == [
+        report.TITLES["skip"]
+    ] * 2
+    environment = jinja2.Environment(
+        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
+    )
+    command = "{% macro command(lines) %}{{ lines|join }}{% endmacro %}"
+    template = environment.from_string(command + "{% include 'self_shadow.html.j2' %}")
+    html = template.render(self_shadow=section)
+    for text in (*report.TITLES.values(), *report.MISTAKES.values(), *BY_NAME):
+        assert text in html
+    assert section["svg"].count("<image") >= len(report.TITLES) * len(report.MISTAKES)
+
+
+def test_report_refuses_a_broken_map(measured: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "stability"
+    folder.mkdir()
+    text = (measured / "stability" / "self_shadow.json").read_text()
+    (folder / "self_shadow.json").write_text(text)
+    with pytest.raises(ReportError, match="penumbra self-shadow"):
+        report.self_shadow(tmp_path)
+    (folder / "self_shadow.json").write_text(text[:100])
+    with pytest.raises(ReportError, match="penumbra self-shadow"):
+        report.self_shadow(tmp_path)
+
+
+def test_a_rate_is_coloured_by_the_step_that_it_does_not_exceed() -> None:
+    """White for 0, the first colour up to 1e-4 itself, and so on, the last for 1."""
+    rates = np.array([[[[0.0, 1e-9, 1e-4, 2e-4, 1.0]]]])
+    found = rate_colours()[1](rates)
+    assert found.ravel().tolist() == [0, 1, 1, 2, 5]
+
+
+def test_doctests_hold() -> None:
+    for module in (self_shadow, report):
+        tried = doctest.testmod(module)
+        assert tried.attempted and not tried.failed
