@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from PIL import Image as PillowImage
@@ -247,11 +247,10 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
         return _svg(figure, name, description)
 
 
-def rate_colours() -> tuple[ListedColormap, BoundaryNorm]:
+def rate_colours() -> tuple[Colormap, BoundaryNorm]:
     """White for a rate of 0, then a colour for each of RATE_STEPS, that rate included."""
     colours = colormaps["inferno_r"](np.linspace(0.12, 0.92, len(RATE_STEPS)))
-    scheme = ListedColormap([(1, 1, 1, 1), *colours], name="rates")
-    scheme.set_bad(ABSENT)
+    scheme = ListedColormap([(1, 1, 1, 1), *colours], name="rates").with_extremes(bad=ABSENT)
     edges = [np.nextafter(edge, 2) for edge in (-1.0, 0.0, *RATE_STEPS)]
     return scheme, BoundaryNorm(edges, scheme.N)
 
