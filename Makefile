@@ -208,7 +208,7 @@ build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/referen
 
 # ---------------------------------------------------------------- benchmark
 
-BENCH_PROGRAMS := build/bin/penumbra-loop build/bin/fma-peak
+BENCH_PROGRAMS := build/bin/penumbra-loop build/bin/scalar-loop build/bin/fma-peak
 
 build/bin/fma-peak: bench/fma_peak.c Makefile | build/setup.run
 	@mkdir -p $(@D)
@@ -222,12 +222,16 @@ build/bin/penumbra-loop: bench/loop.c $(LOOP_OBJECTS)
 	@mkdir -p $(@D)
 	$(LOOP) $(LIB_LDFLAGS) -o $@
 
+build/bin/scalar-loop: bench/loop.c bench/scalar.c bench/other.h $(LOOP_OBJECTS)
+	@mkdir -p $(@D)
+	$(LOOP) -DOTHER -ffp-contract=fast $(LIB_LDFLAGS) -o $@
+
 # Optional: embree3 or embree4, if Debian's libembree-dev is installed.
 EMBREE := $(lastword $(sort $(notdir $(patsubst %/rtcore.h,%,$(wildcard /usr/include/embree*/rtcore.h)))))
 
-build/bin/embree-loop: bench/loop.c bench/embree.c bench/embree.h $(LOOP_OBJECTS)
+build/bin/embree-loop: bench/loop.c bench/embree.c bench/other.h $(LOOP_OBJECTS)
 	@mkdir -p $(@D)
-	$(LOOP) -DWITH_EMBREE $(LIB_LDFLAGS) -l$(EMBREE) -o $@
+	$(LOOP) -DOTHER $(LIB_LDFLAGS) -l$(EMBREE) -o $@
 
 ## bench : speed beside Cycles, Mitsuba, Embree and a textbook loop: build/bench/, docs/performance.md
 .PHONY: bench
