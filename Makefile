@@ -202,7 +202,8 @@ PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
-    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv $(wildcard build/trade/tp3.json build/stability/self_shadow.json) \
+    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
+    $(wildcard $(addprefix build/,trade/tp3.json bench/bench.json stability/self_shadow.json)) \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 

@@ -8,7 +8,7 @@ import jinja2
 from markupsafe import Markup
 
 from compare.provenance import VERSION, write_whole
-from report import figures, pictures, results, self_shadow, trade
+from report import figures, pictures, results, self_shadow, speed, trade
 from report.inputs import PIXEL_SAMPLES, Data, ReportError, read_inputs
 
 TEMPLATES = Path(__file__).resolve().parent / "template"
@@ -24,12 +24,13 @@ CONTENTS = (
     ("antialiasing", "Why is there less noise in the shadow?"),
     ("threads", "Threads"),
     ("trade", "What does a millisecond buy?"),
+    ("speed", "How fast is that?"),
     ("self_shadow", "Where should a shadow ray start?"),
     ("remake", "What was rendered, and how to remake it"),
     ("glossary", "Glossary"),
 )
 
-OPTIONAL = ("trade", "self_shadow")
+OPTIONAL = ("trade", "speed", "self_shadow")
 """Left out where they were not measured"""
 
 
@@ -66,6 +67,7 @@ def page(data: Data, build_dir: Path) -> str:
             **results.provenance(data),
             **pictures.comparer(data),
             **trade.trade(data, build_dir),
+            **speed.speed(build_dir),
             **self_shadow.self_shadow(build_dir),
         }
         sections["glance"] = results.glance(data)
