@@ -22,6 +22,8 @@ from bench.rounds import VARIANTS, Measured, Plan, Truth
 from bench.systems import Absent, EmbreeSystem, Frame, Loop, MitsubaSystem, ScalarLoop, SystemFailed
 from compare.exact import LIT, exact_image
 from compare.scene import read_scene
+from report.inputs import ReportError
+from report.speed import speed
 from tests.conftest import ROOT, built
 
 WIDTH, HEIGHT = 36, 24
