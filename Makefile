@@ -217,6 +217,13 @@ bench-extras: build/setup.run
 
 # ---------------------------------------------------------------- checks
 
+# The scene reader for libFuzzer, which makes up what the reader has not met yet.
+build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c $(wildcard c_renderer/src/*.h) \
+    $(patsubst %,c_renderer/src/%.c,scene_json scene shape) Makefile | build/setup.test
+	@mkdir -p $(@D)
+	clang $(C_FLAGS) $(CHECKED) -fsanitize=fuzzer,address,undefined -Ic_renderer/src $(LIB_CFLAGS) \
+	    $(filter %.c,$^) $(LIB_LDFLAGS) -o $@.part && mv $@.part $@
+
 PYTHON_FILES := penumbra.py bench blender_ref compare report tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
