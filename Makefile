@@ -52,37 +52,45 @@ LIB_LDFLAGS = $(shell pkg-config --libs jansson) \
 C_FLAGS := -std=c99 -Wall -Wextra -Wpedantic -Wconversion -fPIC -fopenmp -fno-math-errno \
            -DPENUMBRA_VERSION='"$(VERSION)"'
 
-# One build, in folder $(1), once set up for $(2), by compiler $(3) with flags $(4):
-# bin/penumbra-render, and lib/libpenumbra.so of the same objects but main.
+CONTRACTED := adaptive camera estimator irradiance_packet kernel light light_packet packet render \
+              sampling shape spherical_rectangle
+
+# One build, in folder $(1), once set up for $(2), by compiler $(3) with flags $(4), its name ending
+# in $(5): bin/penumbra-render, and lib/libpenumbra.so of the same objects but main.
 define c_build
-$(1)/obj/%.o: c_renderer/src/%.c Makefile pyproject.toml | build/setup.$(2)
+$(1)/obj$(5)/%.o: c_renderer/src/%.c Makefile pyproject.toml | build/setup.$(2)
 	@mkdir -p $$(@D)
 	$(3) $$(C_FLAGS) $(4) $$(LIB_CFLAGS) -MMD -MP -c $$< -o $$@
 
-$(1)/bin/penumbra-render: $(C_NAMES:%=$(1)/obj/%.o)
+$(1)/bin/penumbra-render$(5): $(C_NAMES:%=$(1)/obj$(5)/%.o)
 	@mkdir -p $$(@D)
 	$(3) $$(C_FLAGS) $(4) $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
-$(1)/lib/libpenumbra.so: $(patsubst %,$(1)/obj/%.o,$(filter-out main,$(C_NAMES)))
+$(1)/lib/libpenumbra$(5).so: $(patsubst %,$(1)/obj$(5)/%.o,$(filter-out main,$(C_NAMES)))
 	@mkdir -p $$(@D)
 	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
-# Fused multiply-add where it pays; elsewhere, and so in the scene reader, C99's plain arithmetic.
-$(addprefix $(1)/obj/,kernel.o light_packet.o packet.o irradiance_packet.o): C_FLAGS += -ffp-contract=fast
+# Fused multiply-add where pixels are made, all of it, so that inlining changes no bit. Elsewhere,
+# and so in the scene reader and the exact irradiance, C99's plain arithmetic.
+$(addprefix $(1)/obj$(5)/,$(CONTRACTED:%=%.o)): C_FLAGS += -ffp-contract=fast
 
--include $(C_NAMES:%=$(1)/obj/%.d)
+-include $(C_NAMES:%=$(1)/obj$(5)/%.d)
 endef
 
+# gcc 12 would use half of AVX-512's width.
+RELEASE := -O3 -march=native -mprefer-vector-width=512 -fno-tree-loop-distribute-patterns -flto=auto
 CHECKED := -O1 -g -fno-omit-frame-pointer -fno-sanitize-recover=all
-$(eval $(call c_build,build,run,gcc,-O3 -march=native -flto=auto))
+$(eval $(call c_build,build,run,gcc,$(RELEASE)))
+$(eval $(call c_build,build,run,gcc,$(RELEASE) -DPENUMBRA_FLOAT64,-float64))
 $(eval $(call c_build,build/asan,test,gcc,$(CHECKED) -fsanitize=address -fsanitize=undefined))
 $(eval $(call c_build,build/tsan,test,clang,$(CHECKED) -fsanitize=thread -Wno-pass-failed))
 # For any x86-64: valgrind does not know the newest processors' instructions.
 $(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
 
-## build : the renderer, build/bin/penumbra-render, and build/lib/libpenumbra.so
+## build : the renderer, build/bin/penumbra-render, and build/lib/libpenumbra.so; and in float64
 .PHONY: build
-build: build/bin/penumbra-render build/lib/libpenumbra.so
+build: $(foreach product,bin/penumbra-render bin/penumbra-render-float64 lib/libpenumbra.so \
+    lib/libpenumbra-float64.so,build/$(product))
 
 # ---------------------------------------------------------------- the experiment
 
@@ -187,11 +195,11 @@ BENCH_PROGRAMS := build/bin/penumbra-loop build/bin/fma-peak
 
 build/bin/fma-peak: bench/fma_peak.c Makefile | build/setup.run
 	@mkdir -p $(@D)
-	gcc $(C_FLAGS) -O3 -march=native -ffp-contract=fast $< -o $@
+	gcc $(C_FLAGS) $(RELEASE) -ffp-contract=fast $< -o $@
 
 # Of the same objects as the program, since the linker optimises: what is timed is what is run.
 LOOP_OBJECTS := $(patsubst %,build/obj/%.o,$(filter-out main,$(C_NAMES)))
-LOOP = gcc $(C_FLAGS) -O3 -march=native -flto=auto -Ic_renderer/src $(filter %.c %.o,$^)
+LOOP = gcc $(C_FLAGS) $(RELEASE) -Ic_renderer/src $(filter %.c %.o,$^)
 
 build/bin/penumbra-loop: bench/loop.c $(LOOP_OBJECTS)
 	@mkdir -p $(@D)

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from compare.convergence import Curve
     from compare.renderers import Renderer
 
-PASS, FAIL, USAGE, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
+PASS, FAIL, USAGE, MISSING, SIGNALLED = 0, 1, 2, 3, 128
 """Exit codes: done; a check failed; wrong usage, bad input or unwritable output; a program or
-library is missing; stopped by Ctrl-C."""
+library is missing; SIGNALLED + n: ended by signal n, as a shell says it (130 is Ctrl-C)."""
 
 
 class UsageError(ValueError):
@@ -33,24 +33,47 @@ class UsageError(ValueError):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; its exit code. Errors meant for the user are one sentence on stderr."""
-    options = _parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # `timeout` and `kill` clean up too
+    if sys.stdout is None:  # closed, by `>&-`: what is printed then fails, rather than vanish
+        sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
+    signal.signal(signal.SIGTERM, _stop)  # `timeout` and `kill` clean up too
+    options = argparse.Namespace(kept=lambda _: "")
     try:
-        code = int(options.run(options))
-        sys.stdout.flush()  # a short text meets a closed pipe only now
-        return code
-    except KeyboardInterrupt:
+        try:
+            options = _parser().parse_args(arguments)
+            return int(options.run(options))
+        finally:
+            _flush_output()
+    except KeyboardInterrupt as stop:
         print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
-        return INTERRUPTED
+        return SIGNALLED + int(stop.args[0] if stop.args else signal.SIGINT)
     except BrokenPipeError:  # `penumbra scene ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return PASS
+        return SIGNALLED + signal.SIGPIPE
     except Exception as error:
         status = _exit_code(error)
         if status is None:
             raise
-        print(f"penumbra: {error}", file=sys.stderr)
+        print(f"penumbra: {_sentence(error)}", file=sys.stderr)
         return status
+
+
+def _stop(number: int, frame: object) -> None:
+    raise KeyboardInterrupt(number)
+
+
+def _flush_output() -> None:
+    """A short text meets a full disk or a closed pipe only now. Raises OSError."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # Nowhere to go: else Python tries again when it ends, and fails its own way.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise OSError(error.errno, error.strerror, "standard output") from error
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:  # of no file: print's
+        return f"{error.filename or 'standard output'}: {error.strerror}"
+    return str(error)
 
 
 def _exit_code(error: Exception) -> int | None:
@@ -358,7 +381,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="penumbra",
         description="Soft shadows: renders compared with Cycles and with the exact answer.",
         epilog="exit status: 0 done, 1 a check failed, 2 usage, bad input or unwritable output, "
-        "3 something is not installed or not built, 130 stopped.\n"
+        "3 something is not installed or not built, 128 + n ended by\n"
+        "signal n (130 is Ctrl-C).\n"
         "`penumbra SUBCOMMAND --help` explains each with an example.",
         formatter_class=_help,
     )

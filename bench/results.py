@@ -21,22 +21,27 @@ LANES = 16
 """Pixels side by side in the kernel; all of them compute, whether they see the light or not."""
 
 COUNTED = {
-    "real wx = l.cx[i] + s * ux + t * vx;": 2,
-    "real wy = l.cy[i] + t * vy;": 1,
-    "real distance_squared = wx * wx + (wy * wy + l.h_squared[i]);": 2,
-    "real n_w = l.nx[i] * wx + (l.ny[i] * wy + l.nh[i]);": 2,
-    "real value = n_w * (inverse * inverse);": 2,
-    "sum[i] += value;": 1,
+    "real wx = cx[i] + s * l->ux[i] + t * l->vx[i];": 2,
+    "real wy = cy[i] + t * l->vy[i];": 1,
+    "real distance_squared = wx * wx + (wy * wy + l->h_squared[i]);": 2,
+    "real n_w = l->nx[i] * wx + (l->ny[i] * wy + l->nh[i]);": 2,
 }
-"""Operations of the FMA pipes for a sample, by line of sum_samples in c_renderer/src/kernel.c: a
-multiply-add is one, so is a product or a sum that has no partner. Not counted: the division,
+"""Operations of the FMA pipes for a sample, by line of the sample loop in c_renderer/src/kernel.c:
+a multiply-add is one, so is a product or a sum that has no partner. Not counted: the division,
 comparisons, and the integer work on the point's bits."""
-COUNTED_WITHOUT_SPHERE = -1
-"""With nothing to mask, the last product and the sum are one multiply-add."""
-COUNTED_FOR_A_SPHERE = {
-    "real along = l.sphere_x[k][i] * wx + (l.sphere_y[k][i] * wy + l.sphere_h[k][i]);": 2,
-    "value = along * fabs(along) > distance_squared ? 0 : value;": 1,
+COUNTED_FOR_TWO = {
+    "real inverse = 1 / (a * b);": 1,
+    "real value = first.n_w * (b * b) + second.n_w * (a * a);": 4,
+    "sum[i] += value * (inverse * inverse);": 2,
 }
+"""Likewise, once for two samples, and one division."""
+COUNTED_FOR_A_SPHERE = {
+    "real along = l->sphere_x[k][i] * wx + (l->sphere_y[k][i] * wy + l->sphere_h[k][i]);": 2,
+    "n_w = along * fabs(along) > distance_squared ? 0 : n_w;": 1,
+}
+PLAIN = sum(COUNTED.values()) + sum(COUNTED_FOR_TWO.values()) / 2
+"""Operations for a sample with nothing before the light"""
+WITH_SPHERE = PLAIN + sum(COUNTED_FOR_A_SPHERE.values())
 
 
 # ---------------------------------------------------------------- error against time
@@ -86,14 +91,13 @@ def operations(scene: Scene, exact: ExactImage) -> tuple[float, float]:
     gets light, and test a sphere if one of them is in the penumbra on a plane. (On a sphere the
     penumbra may be the horizon's.) One light.
     """
-    plain = sum(COUNTED.values()) + COUNTED_WITHOUT_SPHERE
-    tested = sum(COUNTED.values()) + sum(COUNTED_FOR_A_SPHERE.values())
     planes = [i for i, thing in enumerate(scene.objects) if isinstance(thing, Plane)]
     shadowed = (exact.shadow == PENUMBRA) & np.isin(exact.object_id, planes)
     runs = _packets((exact.shadow == LIT) | (exact.shadow == PENUMBRA))
     tests = _packets(shadowed)
     lanes = LANES * int(runs.sum())
-    return float(plain * lanes + (tested - plain) * LANES * int(tests.sum())), float(lanes)
+    spheres = LANES * int(tests.sum())
+    return PLAIN * lanes + (WITH_SPHERE - PLAIN) * spheres, lanes / 2
 
 
 def _packets(pixels: np.ndarray) -> np.ndarray:
@@ -315,8 +319,8 @@ def summary(measured: Measured, plan: Plan, scene: Scene) -> dict[str, Any]:
         },
         "peak": shares(measured, plan, scene),
         "operations": {
-            "sample": sum(COUNTED.values()) + COUNTED_WITHOUT_SPHERE,
-            "sample with a sphere": sum(COUNTED.values()) + sum(COUNTED_FOR_A_SPHERE.values()),
+            "sample": PLAIN,
+            "sample with a sphere": WITH_SPHERE,
         },
         "absent": measured.absent,
     }

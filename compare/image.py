@@ -105,7 +105,9 @@ def write_exr(file: str | Path, image: Image) -> None:
     try:
         OpenEXR.File(header, channels).write(stream)
         write_whole(path, lambda part: part.write_bytes(stream.getbuffer()))
-    except (OSError, RuntimeError) as error:
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
+    except RuntimeError as error:
         raise ImageError(f"{path}: cannot be written: {error}") from error
 
 
@@ -125,7 +127,7 @@ def write_display(file: str | Path, radiance: np.ndarray) -> None:
     try:
         write_whole(path, lambda part: picture.save(part, kind, quality=100, subsampling=0))
     except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error}") from error
+        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _plane(values: np.ndarray, channel: int) -> np.ndarray:

@@ -18,6 +18,7 @@ from compare.provenance import ROOT
 from compare.renderers import MissingProgramError, RendererError
 
 SOURCES = ROOT / "c_renderer" / "src"
+PRECISIONS = ("float32", "float64")
 PROGRAM = ROOT / "build" / "bin" / "penumbra-render"
 LIBRARY = ROOT / "build" / "lib" / "libpenumbra.so"
 SCENE_BYTES = 1 << 16
@@ -52,6 +53,15 @@ class Setting:
         return f"{sampler}--estimator {self.estimator}{samples} --threads {self.threads}"
 
 
+def build_of(file: Path, precision: str) -> Path:
+    """PROGRAM or LIBRARY as it is called when compiled for one of PRECISIONS.
+
+    >>> build_of(LIBRARY, "float64").name
+    'libpenumbra-float64.so'
+    """
+    return file.with_stem(f"{file.stem}-{precision}") if precision != PRECISIONS[0] else file
+
+
 def names(option: str) -> tuple[str, ...]:
     """The names that the program's --option takes, in the C enum's order, asked of the program.
 
@@ -75,14 +85,17 @@ class WarmRenderer:
     MissingProgramError, RendererError.
     """
 
-    def __init__(self, scene_file: Path, width: int, height: int) -> None:
+    def __init__(
+        self, scene_file: Path, width: int, height: int, precision: str = PRECISIONS[0]
+    ) -> None:
         self.scene_file, self.width, self.height = scene_file, width, height
+        self.program, library = build_of(PROGRAM, precision), build_of(LIBRARY, precision)
         self.samplers, self.estimators = names("sampler"), names("estimator")
         self._ffi = _declarations()
         try:
-            self._library: Any = self._ffi.dlopen(str(LIBRARY))
+            self._library: Any = self._ffi.dlopen(str(library))
         except OSError as error:
-            raise MissingProgramError(f"{LIBRARY}: {error}: run `make build`") from error
+            raise MissingProgramError(f"{library}: {error}: run `make build`") from error
         self._scene = self._read()
         self._buffers = np.zeros((2, 3, height, width), dtype=np.float32)
 
@@ -141,17 +154,17 @@ class WarmRenderer:
             self.render(setting, 7)
             with tempfile.TemporaryDirectory() as folder:
                 out = Path(folder) / "image.exr"
-                command = [str(PROGRAM), str(self.scene_file), "-o", str(out), "--seed", "7"]
+                command = [str(self.program), str(self.scene_file), "-o", str(out), "--seed", "7"]
                 command += [*setting.options.split(), "--width", str(self.width)]
                 command += ["--height", str(self.height)]
                 ran = subprocess.run(command, capture_output=True, text=True, timeout=600)
                 if ran.returncode != 0:
-                    raise RendererError(f"{PROGRAM}: {ran.stderr.strip()}")
+                    raise RendererError(f"{self.program}: {ran.stderr.strip()}")
                 theirs = read_image(out).radiance.transpose(2, 0, 1)
             apart = np.abs(theirs - self.radiance) > SAME * theirs.max()
             if apart.mean() > FEW:
                 raise RendererError(
-                    f"{LIBRARY} and {PROGRAM} give other images with {setting.options}: "
+                    f"the library and {self.program} give other images with {setting.options}: "
                     "run `make build`"
                 )
 

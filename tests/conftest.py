@@ -36,11 +36,13 @@ def scenes() -> Path:
 
 @pytest.fixture
 def render(renderer: Path, tmp_path: Path) -> Callable[..., Image]:
-    """render(scene_file, light_samples=16, ...) runs the C program and reads its image."""
+    """render(scene_file, light_samples=16, ...) runs the C program and reads its image;
+    precision="float64" its other build."""
 
-    def run(scene: Path, **options: int | float | str) -> Image:
+    def run(scene: Path, precision: str = "float32", **options: int | float | str) -> Image:
         out = tmp_path / "render.exr"
-        command = [str(renderer), str(scene), "-o", str(out)]
+        program = renderer if precision == "float32" else built("bin/penumbra-render-float64")
+        command = [str(program), str(scene), "-o", str(out)]
         for name, value in options.items():
             command += [f"--{name.replace('_', '-')}", str(value)]
         subprocess.run(command, check=True, timeout=300)

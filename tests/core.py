@@ -1,23 +1,26 @@
-"""The C core's functions, called one by one through build/lib/libpenumbra.so (cffi, ABI mode)."""
+"""The C core's functions, called one by one through build/lib/libpenumbra.so (cffi, ABI mode), or
+through libpenumbra-float64.so."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import cffi
+import numpy as np
 
 from tests.conftest import built
 
 DECLARATIONS = """
-typedef float real;
 typedef struct { real x, y, z; } Vec3;
 typedef struct { real r, g, b; } Rgb;
 
 typedef struct { real x, y; } Uniform2;
 typedef struct { uint64_t seed; uint32_t pixel; uint32_t pixel_sample; } RngStream;
 typedef struct { uint32_t word[4]; } RngBlock;
-RngBlock rng_philox4x32(RngBlock counter, uint64_t seed);
+RngBlock rng_threefry4x32(RngBlock counter, RngBlock key);
 Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension);
 
 typedef enum { SAMPLER_INDEPENDENT, SAMPLER_JITTERED, SAMPLER_SOBOL } Sampler;
@@ -81,12 +84,54 @@ void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPack
 int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const HitPacket *hits,
                                double *irradiance, int *known);
 void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket *radiance);
+
+typedef struct { RgbPacket radiance; RgbPacket variance; } EstimatePacket;
+void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,
+                            const PointSet *points, RngStream first, EstimatePacket *result);
+void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
+                     RngStream first, EstimatePacket *result);
+bool scene_read(const char *file, Scene *scene, char **dump, char *message, size_t message_size);
+void scene_free(Scene *scene);
 """
 
-ffi = cffi.FFI()
-ffi.cdef(DECLARATIONS)
+
+@dataclass(frozen=True)
+class Core:
+    """The core in one precision: its types and its functions."""
+
+    ffi: cffi.FFI
+    library: Any
+    dtype: type[np.floating[Any]]
+    """what C calls real"""
+
+    def read_scene(self, file: Path) -> Any:
+        message = self.ffi.new("char[1024]")
+        scene = self.ffi.gc(self.ffi.new("Scene *"), self.library.scene_free)
+        read = self.library.scene_read(
+            str(file).encode(), scene, self.ffi.NULL, message, len(message)
+        )
+        assert read, self.ffi.string(message)
+        return scene
+
+
+def _declared(real: str) -> cffi.FFI:
+    declared = cffi.FFI()
+    declared.cdef(f"typedef {real} real;\n{DECLARATIONS}")
+    return declared
+
+
+ffi = _declared("float")
 
 
 @cache
 def library() -> Any:
     return ffi.dlopen(str(built("lib/libpenumbra.so")))
+
+
+@cache
+def core(precision: str) -> Core:
+    """precision: "float32" or "float64"."""
+    if precision == "float32":
+        return Core(ffi, library(), np.float32)
+    double = _declared("double")
+    return Core(double, double.dlopen(str(built("lib/libpenumbra-float64.so"))), np.float64)

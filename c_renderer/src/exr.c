@@ -20,9 +20,10 @@ static exr_result_t write_header(exr_context_t exr, const ExrImage *image)
     snprintf(seed, sizeof seed, "%" PRIu64, settings->seed);
     int part;
     exr_result_t result = exr_add_part(exr, "image", EXR_STORAGE_SCANLINE, &part);
+    /* Not compressed: that would take many times as long as rendering. */
     if (!result)
         result = exr_initialize_required_attr_simple(exr, part, settings->width, settings->height,
-                                                     EXR_COMPRESSION_ZIP);
+                                                     EXR_COMPRESSION_NONE);
     for (int c = 0; c < nb_channels && !result; c++)
         result =
             exr_add_channel(exr, part, CHANNELS[c], EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
@@ -56,21 +57,10 @@ static exr_result_t write_header(exr_context_t exr, const ExrImage *image)
                                         (float)image->spent->pixels_above);
     }
     if (!result)
+        result = exr_attr_set_string(exr, part, "precision", REAL_NAME);
+    if (!result)
         result = exr_attr_set_string(exr, part, "software", "penumbra-render " PENUMBRA_VERSION);
     return result ? result : exr_write_header(exr);
-}
-
-typedef exr_result_t (*Compress)(exr_encode_pipeline_t *);
-
-/* OpenEXRCore 3.1's own compression, but for a chunk that it makes not one byte shorter: it stores
- * that one compressed, and readers take a chunk of the raw length for raw. */
-static exr_result_t compress(exr_encode_pipeline_t *encoder)
-{
-    const Compress *library = encoder->encoding_user_data;
-    exr_result_t result = (*library)(encoder);
-    if (!result && encoder->compressed_bytes == encoder->packed_bytes)
-        memcpy(encoder->compressed_buffer, encoder->packed_buffer, encoder->packed_bytes);
-    return result;
 }
 
 /* One chunk of rows: OpenEXR takes the pixels from our planes as they lie there. */
@@ -93,9 +83,6 @@ static exr_result_t write_rows(exr_context_t exr, int y, const ExrImage *image)
         encoder.channels[c].user_line_stride = settings->width * (int32_t)sizeof(float);
     }
     result = exr_encoding_choose_default_routines(exr, 0, &encoder);
-    Compress library = encoder.compress_fn;
-    encoder.encoding_user_data = &library;
-    encoder.compress_fn = compress;
     if (!result)
         result = exr_encoding_run(exr, 0, &encoder);
     exr_encoding_destroy(exr, &encoder);

@@ -14,7 +14,7 @@
 #define FOR_EACH_COMBINATION inline
 #endif
 
-enum { CHUNK = 256 /* samples that are summed in float before they join a double; even */ };
+enum { CHUNK = 128 /* samples that are summed in float before they join a double; even */ };
 
 /* Where the samples lie: the same table for all lanes, shifted digitally, or lane by lane. */
 typedef struct {
@@ -29,48 +29,84 @@ typedef struct {
 
 /* ---- the sample loop ---- */
 
-/* Sums (n . w) / |w|^4 over the visible ones of `count` samples. */
-static FOR_EACH_COMBINATION void sum_samples(const LightPacket *restrict light,
+/* The sample at (s, t) from lane i's point: |w|^2, and n . w or 0 where it is hidden. */
+typedef struct {
+    real distance_squared, n_w;
+} Term;
+
+static FOR_EACH_COMBINATION Term look(const LightPacket *restrict l, const real cx[LANES],
+                                      const real cy[LANES], int i, real s, real t, bool clamp,
+                                      int nb_occluders)
+{
+    real wx = cx[i] + s * l->ux[i] + t * l->vx[i];
+    real wy = cy[i] + t * l->vy[i];
+    real distance_squared = wx * wx + (wy * wy + l->h_squared[i]);
+    real n_w = l->nx[i] * wx + (l->ny[i] * wy + l->nh[i]);
+    if (clamp)
+        n_w = n_w > 0 ? n_w : 0;
+    for (int k = 0; k < nb_occluders; k++) {
+        real along = l->sphere_x[k][i] * wx + (l->sphere_y[k][i] * wy + l->sphere_h[k][i]);
+        n_w = along * fabs(along) > distance_squared ? 0 : n_w;
+    }
+    return (Term){distance_squared, n_w};
+}
+
+/* Sums (n . w) / |w|^4 over the visible ones of `count` samples.
+ *
+ * Two samples share a division, which processors do slowly: with a = |w_1|^2 and b = |w_2|^2,
+ * 1/a = b / (ab) and 1/b = a / (ab). */
+static FOR_EACH_COMBINATION void sum_samples(const LightPacket *restrict l,
                                              const PointPacket *restrict points, int count,
                                              SumPacket *restrict result, bool table, bool clamp,
                                              int nb_occluders)
 {
-    LightPacket l = *light;
-    const real ux = l.ux, vx = l.vx, vy = l.vy;
-    uint32_t shift_x[LANES], shift_y[LANES];
-    memcpy(shift_x, points->shift_x, sizeof shift_x);
-    memcpy(shift_y, points->shift_y, sizeof shift_y);
-    if (table) /* its points are in [1, 2): move the corner back by u + v */
-        SIMD for (int i = 0; i < LANES; i++)
-        {
-            l.cx[i] -= ux + vx;
-            l.cy[i] -= vy;
-        }
+    real cx[LANES], cy[LANES];
+    uint32_t shift_x[LANES] = {0}, shift_y[LANES] = {0};
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        /* the table's points are in [1, 2): move the corner back by u + v */
+        cx[i] = table ? l->cx[i] - (l->ux[i] + l->vx[i]) : l->cx[i];
+        cy[i] = table ? l->cy[i] - l->vy[i] : l->cy[i];
+    }
+    if (table) {
+        memcpy(shift_x, points->shift_x, sizeof shift_x);
+        memcpy(shift_y, points->shift_y, sizeof shift_y);
+    }
+#define X(j) (table ? (real)sobol_in_one_two(points->table_x[j], shift_x[i]) : points->x[j][i])
+#define Y(j) (table ? (real)sobol_in_one_two(points->table_y[j], shift_y[i]) : points->y[j][i])
     real sum[LANES] = {0}, sum_of_squares[LANES] = {0};
-    for (int j = 0; j < count; j++) {
+    for (int j = 0; j + 1 < count; j += 2) {
         SIMD for (int i = 0; i < LANES; i++)
         {
-            real s =
-                table ? (real)sobol_to_one_two(points->table_x[j] ^ shift_x[i]) : points->x[j][i];
-            real t =
-                table ? (real)sobol_to_one_two(points->table_y[j] ^ shift_y[i]) : points->y[j][i];
-            real wx = l.cx[i] + s * ux + t * vx;
-            real wy = l.cy[i] + t * vy;
-            real distance_squared = wx * wx + (wy * wy + l.h_squared[i]);
-            real n_w = l.nx[i] * wx + (l.ny[i] * wy + l.nh[i]);
-            if (clamp)
-                n_w = n_w > 0 ? n_w : 0;
-            real inverse = 1 / distance_squared;
-            real value = n_w * (inverse * inverse);
-            for (int k = 0; k < nb_occluders; k++) {
-                real along = l.sphere_x[k][i] * wx + (l.sphere_y[k][i] * wy + l.sphere_h[k][i]);
-                value = along * fabs(along) > distance_squared ? 0 : value;
+            Term first = look(l, cx, cy, i, X(j), Y(j), clamp, nb_occluders);
+            Term second = look(l, cx, cy, i, X(j + 1), Y(j + 1), clamp, nb_occluders);
+            real a = first.distance_squared, b = second.distance_squared;
+            real inverse = 1 / (a * b);
+            if (table) {
+                real value = first.n_w * (b * b) + second.n_w * (a * a);
+                sum[i] += value * (inverse * inverse);
+            } else {
+                real inverse_a = b * inverse, inverse_b = a * inverse;
+                real value_a = first.n_w * (inverse_a * inverse_a);
+                real value_b = second.n_w * (inverse_b * inverse_b);
+                sum[i] += value_a + value_b;
+                sum_of_squares[i] += value_a * value_a + value_b * value_b;
             }
+        }
+    }
+    if (count % 2) {
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            Term last = look(l, cx, cy, i, X(count - 1), Y(count - 1), clamp, nb_occluders);
+            real inverse = 1 / last.distance_squared;
+            real value = last.n_w * (inverse * inverse);
             sum[i] += value;
             if (!table)
                 sum_of_squares[i] += value * value;
         }
     }
+#undef X
+#undef Y
     memcpy(result->sum, sum, sizeof sum);
     memcpy(result->sum_of_squares, sum_of_squares, sizeof sum_of_squares);
 }
@@ -102,14 +138,14 @@ static void sum_chunk(const LightPacket *light, const PointPacket *points, int c
 
 /* ---- all samples of one light ---- */
 
-/* Philox for all lanes; the counter's words but the pixel are theirs alike. */
+/* Threefry for all lanes; the counter's words but the pixel are theirs alike. */
 static void random_lanes(RngStream first, uint32_t block, uint32_t dimension,
                          uint32_t word[4][LANES])
 {
     SIMD for (int i = 0; i < LANES; i++)
     {
         RngBlock counter = {{first.pixel + (uint32_t)i, block, first.pixel_sample, dimension}};
-        RngBlock random = rng_philox4x32(counter, first.seed);
+        RngBlock random = rng_threefry4x32(counter, rng_key(first.seed));
         word[0][i] = random.word[0];
         word[1][i] = random.word[1];
         word[2][i] = random.word[2];
@@ -155,8 +191,8 @@ void kernel_sum(const LightPacket *light, const PointSet *set, RngStream first, 
         random_lanes(first, SOBOL_SHIFT_BLOCK, dimension, word);
         SIMD for (int i = 0; i < LANES; i++)
         {
-            points.shift_x[i] = word[0][i];
-            points.shift_y[i] = word[1][i];
+            points.shift_x[i] = sobol_shift(word[0][i]);
+            points.shift_y[i] = sobol_shift(word[1][i]);
         }
     }
     for (int first_sample = 0; first_sample < set->count; first_sample += CHUNK) {
@@ -169,25 +205,44 @@ void kernel_sum(const LightPacket *light, const PointSet *set, RngStream first, 
         SIMD for (int i = 0; i < LANES; i++)
         {
             sum[i] += (double)chunk.sum[i];
-            sum_of_squares[i] += (double)chunk.sum_of_squares[i];
+            if (!table)
+                sum_of_squares[i] += (double)chunk.sum_of_squares[i];
         }
     }
 }
 
-/* Adds f_r L_e times a mean [sr] and its variance. */
+/* Adds f_r L_e times a mean [sr]. */
 static void add_light(Rgb radiance, const HitPacket *restrict hits, const real mean[LANES],
-                      const real variance[LANES], EstimatePacket *restrict result)
+                      EstimatePacket *restrict result)
+{
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        result->radiance.r[i] += hits->brdf.r[i] * radiance.r * mean[i];
+        result->radiance.g[i] += hits->brdf.g[i] * radiance.g * mean[i];
+        result->radiance.b[i] += hits->brdf.b[i] * radiance.b * mean[i];
+    }
+}
+
+/* The same for the mean's variance. */
+static void add_variance(Rgb radiance, const HitPacket *restrict hits, const real variance[LANES],
+                         EstimatePacket *restrict result)
 {
     SIMD for (int i = 0; i < LANES; i++)
     {
         real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
              b = hits->brdf.b[i] * radiance.b;
-        result->radiance.r[i] += r * mean[i];
-        result->radiance.g[i] += g * mean[i];
-        result->radiance.b[i] += b * mean[i];
         result->variance.r[i] += r * r * variance[i];
         result->variance.g[i] += g * g * variance[i];
         result->variance.b[i] += b * b * variance[i];
+    }
+}
+
+static void clear(EstimatePacket *result)
+{
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        result->radiance.r[i] = result->radiance.g[i] = result->radiance.b[i] = 0;
+        result->variance.r[i] = result->variance.g[i] = result->variance.b[i] = 0;
     }
 }
 
@@ -197,16 +252,17 @@ static void quad_estimate(const LightPacket *light, const PointSet *set, RngStre
     double sum[LANES] = {0}, sum_of_squares[LANES] = {0};
     kernel_sum(light, set, first, dimension, sum, sum_of_squares);
 
-    const double n = set->count;
-    const double to_variance =
-        set->sampler == SAMPLER_INDEPENDENT && set->count > 1 ? 1 / (n - 1) / n : 0;
-    const double to_mean = 1 / n;
+    const double n = set->count, to_mean = 1 / n;
+    SIMD for (int i = 0; i < LANES; i++) mean[i] =
+        (real)((double)light->scale[i] * (sum[i] * to_mean));
+    if (set->sampler != SAMPLER_INDEPENDENT)
+        return;
+    const double to_variance = set->count > 1 ? 1 / (n - 1) / n : 0;
     SIMD for (int i = 0; i < LANES; i++)
     {
-        double average = sum[i] * to_mean, scale = (double)light->scale[i];
-        double scatter = sum_of_squares[i] - sum[i] * average;
+        double scale = (double)light->scale[i];
+        double scatter = sum_of_squares[i] - sum[i] * (sum[i] * to_mean);
         scatter = scatter > 0 ? scatter : 0;
-        mean[i] = (real)(scale * average);
         variance[i] = (real)(scale * scale * scatter * to_variance);
     }
 }
@@ -243,38 +299,77 @@ void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const
     }
 }
 
-void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
-                            bool hybrid, RngStream first, EstimatePacket *result)
+/* One light that packet sees so, added to result. */
+static void add_quad(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
+                     RngStream first, Seen seen, const LightPacket *packet, EstimatePacket *result)
 {
-    memset(result, 0, sizeof *result);
-    for (int i = 0; i < scene->nb_lights && hits->nb_hits; i++) {
-        const Light *light = &scene->lights[i];
+    real mean[LANES], variance[LANES];
+    if (seen == SEEN_STRANGE)
+        kernel_textbook(scene, light, hits, points, first, result);
+    if (seen != SEEN_SAMPLED)
+        return;
+    quad_estimate(packet, points, first, (uint32_t)light + 1, mean, variance);
+    const Rgb radiance = scene->lights[light].shape.quad.radiance;
+    add_light(radiance, hits, mean, result);
+    if (points->sampler == SAMPLER_INDEPENDENT)
+        add_variance(radiance, hits, variance, result);
+}
+
+void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,
+                            const PointSet *points, RngStream first, EstimatePacket *result)
+{
+    LightPacket packet[MAX_PACKETS];
+    Seen seen[MAX_PACKETS];
+    for (int p = 0; p < nb_packets; p++)
+        clear(&result[p]);
+    for (int l = 0; l < scene->nb_lights; l++) {
+        const Light *light = &scene->lights[l];
+        for (int p = 0; p < nb_packets; p++) {
+            seen[p] = hits[p].nb_hits ? SEEN_STRANGE : SEEN_NOT;
+            if (light->type == LIGHT_QUAD && hits[p].nb_hits)
+                seen[p] = light_packet_see(scene, &light->shape.quad, &hits[p], &packet[p]);
+        }
+        for (int p = 0; p < nb_packets; p++) {
+            RngStream stream = first;
+            stream.pixel += (uint32_t)(p * LANES);
+            add_quad(scene, l, &hits[p], points, stream, seen[p], &packet[p], &result[p]);
+        }
+    }
+}
+
+void kernel_hybrid_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
+                            RngStream first, EstimatePacket *result)
+{
+    clear(result);
+    for (int l = 0; l < scene->nb_lights && hits->nb_hits; l++) {
+        const Light *light = &scene->lights[l];
         const QuadLight *quad = &light->shape.quad;
         real mean[LANES] = {0}, variance[LANES] = {0};
         double irradiance[LANES];
-        int known[LANES] = {0}, nb_unknown = LANES;
-        if (light->type == LIGHT_QUAD && hybrid)
-            nb_unknown = irradiance_packet_of_plain(scene, quad, hits, irradiance, known);
-
+        int known[LANES];
         LightPacket packet;
-        Seen seen = light->type == LIGHT_QUAD ? SEEN_NOT : SEEN_STRANGE;
-        if (light->type == LIGHT_QUAD && nb_unknown)
-            seen = light_packet_see(scene, quad, hits, &packet);
+        Seen seen = SEEN_STRANGE;
+        if (light->type == LIGHT_QUAD) {
+            seen = SEEN_NOT;
+            if (irradiance_packet_of_plain(scene, quad, hits, irradiance, known))
+                seen = light_packet_see(scene, quad, hits, &packet);
+        }
         if (seen == SEEN_STRANGE) {
-            kernel_textbook(scene, i, hits, points, first, result);
+            kernel_textbook(scene, l, hits, points, first, result);
             continue;
         }
         if (seen == SEEN_SAMPLED)
-            quad_estimate(&packet, points, first, (uint32_t)i + 1, mean, variance);
-        if (light->type == LIGHT_QUAD && hybrid)
-            prefer_known(irradiance, known, mean, variance);
-        add_light(quad->radiance, hits, mean, variance, result);
+            quad_estimate(&packet, points, first, (uint32_t)l + 1, mean, variance);
+        prefer_known(irradiance, known, mean, variance);
+        add_light(quad->radiance, hits, mean, result);
+        if (points->sampler == SAMPLER_INDEPENDENT)
+            add_variance(quad->radiance, hits, variance, result);
     }
 }
 
 void kernel_exact_lighting(const Scene *scene, const HitPacket *hits, EstimatePacket *result)
 {
-    memset(result, 0, sizeof *result);
+    clear(result);
     if (hits->nb_hits)
         exact_lighting_packet(scene, hits, &result->radiance);
 }

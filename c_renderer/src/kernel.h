@@ -13,11 +13,20 @@ typedef struct {
     RgbPacket variance; /* of that mean, from the scatter of its samples */
 } EstimatePacket;
 
-/* direct_lighting for each lane that hits something, 0 for the others. Lane i belongs to pixel
- * first.pixel + i. The variance holds for SAMPLER_INDEPENDENT alone, and is 0 else. hybrid: a light
- * that a lane surely sees whole or not at all is not sampled, but known in closed form. */
-void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
-                            bool hybrid, RngStream first, EstimatePacket *result);
+/* Packets that kernel_direct_lighting takes at once, stage by stage: while one of them waits for
+ * a square root or a division, the processor goes on with the next. */
+enum { MAX_PACKETS = 8 };
+
+/* direct_lighting for each lane of each packet that hits something, 0 for the others. Lane i of
+ * packet p belongs to pixel first.pixel + p LANES + i. The variance holds for
+ * SAMPLER_INDEPENDENT alone, and is 0 else. */
+void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,
+                            const PointSet *points, RngStream first, EstimatePacket *result);
+
+/* The same for one packet, but a light that a lane surely sees whole or not at all is not
+ * sampled: it is known in closed form. */
+void kernel_hybrid_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
+                            RngStream first, EstimatePacket *result);
 
 /* The limit of infinitely many samples, and variance 0. */
 void kernel_exact_lighting(const Scene *scene, const HitPacket *hits, EstimatePacket *result);

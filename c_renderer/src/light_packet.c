@@ -1,19 +1,45 @@
 #include "light_packet.h"
 
-static int count_lanes(const int flags[LANES])
+/* The flags that any lane has. */
+static int any_lane(const int flags[LANES])
 {
-    int count = 0;
+    int any = 0;
     for (int i = 0; i < LANES; i++)
-        count += flags[i];
-    return count;
+        any |= flags[i];
+    return any;
 }
 
-/* The light's frame and the points in it; lit: lanes that may get light. */
-static void see_quad(const QuadLight *quad, Vec3 e1, Vec3 e2, const HitPacket *restrict hits,
-                     LightPacket *restrict light, real height[LANES], int lit[LANES])
+/* Below this height, in the lane's unit of length, 1 / |w|^8 comes near float's end. */
+#define LEAST_HEIGHT ((real)1e-4f)
+
+/* The light's axes, unit vectors, and the quad in them. */
+typedef struct {
+    Vec3 e1, e2, normal;
+    real ux, vx, vy;
+} Frame;
+
+static Frame light_frame(const QuadLight *quad)
 {
-    const Vec3 n = quad->normal, corner = quad->corner;
-    const real ux = light->ux, vx = light->vx, vy = light->vy, area = quad->area;
+    const Vec3 n = quad->normal;
+    const real ux = sqrt(vec3_dot(quad->edge_u, quad->edge_u));
+    const Vec3 e1 = vec3_scale(quad->edge_u, 1 / ux);
+    const Vec3 e2 = {n.y * e1.z - n.z * e1.y, n.z * e1.x - n.x * e1.z, n.x * e1.y - n.y * e1.x};
+    return (Frame){e1, e2, n, ux, vec3_dot(quad->edge_v, e1), vec3_dot(quad->edge_v, e2)};
+}
+
+/* How the lanes' points lie to the light, but for what LightPacket says. */
+typedef struct {
+    real unit[LANES];   /* of length, inverse [m^-1] */
+    real height[LANES]; /* above the light's plane, in it */
+    int lit[LANES];     /* lanes that may get light */
+} Standing;
+
+/* SEEN_STRANGE: some lane stands too near to the light's plane. */
+static Seen see_quad(const QuadLight *quad, const Frame *frame, const HitPacket *restrict hits,
+                     LightPacket *restrict light, Standing *restrict standing)
+{
+    const Vec3 e1 = frame->e1, e2 = frame->e2, n = frame->normal, corner = quad->corner;
+    const real area = quad->area, size = frame->ux + fabs(frame->vx) + frame->vy;
     real low[LANES], high[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
@@ -24,6 +50,11 @@ static void see_quad(const QuadLight *quad, Vec3 e1, Vec3 e2, const HitPacket *r
         real cx = dx * e1.x + dy * e1.y + dz * e1.z;
         real cy = dx * e2.x + dy * e2.y + dz * e2.z;
         real h = dx * n.x + dy * n.y + dz * n.z;
+        real unit = 1 / (fabs(cx) + fabs(cy) + fabs(h) + size);
+        real ux = frame->ux * unit, vx = frame->vx * unit, vy = frame->vy * unit;
+        cx *= unit;
+        cy *= unit;
+        h *= unit;
         real nx = normal_x * e1.x + normal_y * e1.y + normal_z * e1.z;
         real ny = normal_x * e2.x + normal_y * e2.y + normal_z * e2.z;
         real nz = normal_x * n.x + normal_y * n.y + normal_z * n.z;
@@ -33,46 +64,59 @@ static void see_quad(const QuadLight *quad, Vec3 e1, Vec3 e2, const HitPacket *r
         real spread = 0.5f * (fabs(along_u) + fabs(along_v));
         low[i] = middle - spread;
         high[i] = middle + spread;
-        height[i] = h;
+        standing->unit[i] = unit;
+        standing->height[i] = h;
+        light->ux[i] = ux;
+        light->vx[i] = vx;
+        light->vy[i] = vy;
         light->cx[i] = cx;
         light->cy[i] = cy;
         light->h_squared[i] = h * h;
         light->nx[i] = nx;
         light->ny[i] = ny;
         light->nh[i] = nz * h;
-        light->scale[i] = area * h;
+        light->scale[i] = area * (unit * unit) * h;
     }
-    int clamp[LANES];
+    enum { LIT = 1, CROSSES_HORIZON = 2, TOO_LOW = 4 };
+    int flags[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
-        lit[i] = (hits->object[i] >= 0) & (height[i] > 0) & (high[i] > 0);
-        clamp[i] = lit[i] & (low[i] <= 0);
+        int lit = (hits->object[i] >= 0) & (standing->height[i] > 0) & (high[i] > 0);
+        int crosses = lit & (low[i] <= 0), too_low = lit & (standing->height[i] < LEAST_HEIGHT);
+        standing->lit[i] = lit;
+        flags[i] = lit * LIT | crosses * CROSSES_HORIZON | too_low * TOO_LOW;
     }
+    const int *lit = standing->lit;
     SIMD for (int i = 0; i < LANES; i++)
     {
         light->h_squared[i] = lit[i] ? light->h_squared[i] : 1; /* any finite sum will do */
         light->scale[i] = lit[i] ? light->scale[i] : 0;
     }
-    light->crosses_horizon = count_lanes(clamp) > 0;
+    const int any = any_lane(flags);
+    light->crosses_horizon = any & CROSSES_HORIZON;
+    return any & TOO_LOW ? SEEN_STRANGE : any & LIT ? SEEN_SAMPLED : SEEN_NOT;
 }
 
 /* Adds the sphere to the light's occluders if it may hide any of it from some lane.
  *
  * Seen from the point, the light's four sides span planes; a sphere wholly beyond one of them
  * hides nothing. Rounding errors are given room by a slightly larger sphere. */
-static Seen see_sphere(const Sphere *sphere, int object, Vec3 e1, Vec3 e2, Vec3 n,
-                       const HitPacket *restrict hits, const real height[LANES],
-                       const int lit[LANES], LightPacket *restrict light)
+static Seen see_sphere(const Sphere *sphere, int object, const Frame *frame,
+                       const HitPacket *restrict hits, const Standing *restrict standing,
+                       LightPacket *restrict light)
 {
-    const Vec3 center = sphere->center;
-    const real r = sphere->radius, r_squared = r * r;
-    const real ux = light->ux, vx = light->vx, vy = light->vy;
+    const Vec3 e1 = frame->e1, e2 = frame->e2, n = frame->normal, center = sphere->center;
+    const real radius = sphere->radius;
+    const real *height = standing->height;
+    const int *lit = standing->lit;
     real x[LANES], y[LANES], z[LANES], clearance[LANES], behind[LANES], gap[LANES];
     real inwards[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
-        real dx = center.x - hits->point.x[i], dy = center.y - hits->point.y[i],
-             dz = center.z - hits->point.z[i];
+        real unit = standing->unit[i], r = radius * unit;
+        real dx = (center.x - hits->point.x[i]) * unit, dy = (center.y - hits->point.y[i]) * unit,
+             dz = (center.z - hits->point.z[i]) * unit;
+        real ux = light->ux[i], vx = light->vx[i], vy = light->vy[i];
         real cx = dx * e1.x + dy * e1.y + dz * e1.z;
         real cy = dx * e2.x + dy * e2.y + dz * e2.z;
         real cz = dx * n.x + dy * n.y + dz * n.z;
@@ -97,24 +141,27 @@ static Seen see_sphere(const Sphere *sphere, int object, Vec3 e1, Vec3 e2, Vec3 
         near = next < near ? next : near;
         clearance[i] = near; /* negative: the sphere is wholly beyond some side */
         behind[i] = cz + room - h;
-        gap[i] = cx * cx + cy * cy + cz * cz - r_squared;
+        gap[i] = cx * cx + cy * cy + cz * cz - r * r;
         inwards[i] = dx * hits->normal.x[i] + dy * hits->normal.y[i] + dz * hits->normal.z[i];
         x[i] = cx;
         y[i] = cy;
         z[i] = cz;
     }
-    int candidate[LANES], strange[LANES], test[LANES];
+    enum { CANDIDATE = 1, STRANGE = 2 };
+    int flags[LANES], test[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
         int own = hits->object[i] == object;
         int inside = own & (inwards[i] > 0); /* from outside, the horizon hides one's own sphere */
-        candidate[i] = lit[i] & (clearance[i] >= 0) & (inside | (1 - own));
-        strange[i] = candidate[i] & (inside | (behind[i] > 0) | (gap[i] <= 0));
-        test[i] = candidate[i] & (gap[i] > 0);
+        int candidate = lit[i] & (clearance[i] >= 0) & (inside | (1 - own));
+        int strange = candidate & (inside | (behind[i] > 0) | (gap[i] <= 0));
+        flags[i] = candidate * CANDIDATE | strange * STRANGE;
+        test[i] = candidate & (gap[i] > 0);
     }
-    if (!count_lanes(candidate))
+    const int any = any_lane(flags);
+    if (!any)
         return SEEN_SAMPLED;
-    if (count_lanes(strange) || light->nb_occluders == MAX_OCCLUDERS)
+    if (any & STRANGE || light->nb_occluders == MAX_OCCLUDERS)
         return SEEN_STRANGE;
 
     const int k = light->nb_occluders++;
@@ -123,6 +170,7 @@ static Seen see_sphere(const Sphere *sphere, int object, Vec3 e1, Vec3 e2, Vec3 
     {
         real scale = 1 / sqrt(gap[i]);
         real h = height[i], x0 = light->cx[i], y0 = light->cy[i];
+        real ux = light->ux[i], vx = light->vx[i], vy = light->vy[i];
         real sphere_x = test[i] ? x[i] * scale : 0;
         real sphere_y = test[i] ? y[i] * scale : 0;
         real sphere_h = test[i] ? z[i] * scale * h : 0;
@@ -142,7 +190,7 @@ static Seen see_sphere(const Sphere *sphere, int object, Vec3 e1, Vec3 e2, Vec3 
     }
     int shown[LANES];
     SIMD for (int i = 0; i < LANES; i++) shown[i] = lit[i] & (hidden_by[i] <= 0);
-    return count_lanes(shown) ? SEEN_SAMPLED : SEEN_NOT;
+    return any_lane(shown) ? SEEN_SAMPLED : SEEN_NOT;
 }
 
 /* A plane hides the light from points on its other side. Those that it cuts are left alone. */
@@ -162,29 +210,19 @@ static Seen see_plane(const Plane *plane, int object, const QuadLight *quad,
         int clear = ((side > 0) & (middle > spread)) | ((side < 0) & (-middle > spread));
         other[i] = lit[i] & (hits->object[i] != object) & (1 - clear);
     }
-    return count_lanes(other) ? SEEN_STRANGE : SEEN_SAMPLED;
+    return any_lane(other) ? SEEN_STRANGE : SEEN_SAMPLED;
 }
 
 Seen light_packet_see(const Scene *scene, const QuadLight *quad, const HitPacket *hits,
                       LightPacket *light)
 {
-    const Vec3 n = quad->normal;
-    light->ux = sqrt(vec3_dot(quad->edge_u, quad->edge_u));
-    const Vec3 e1 = vec3_scale(quad->edge_u, 1 / light->ux);
-    const Vec3 e2 = {n.y * e1.z - n.z * e1.y, n.z * e1.x - n.x * e1.z, n.x * e1.y - n.y * e1.x};
-    light->vx = vec3_dot(quad->edge_v, e1);
-    light->vy = vec3_dot(quad->edge_v, e2);
+    const Frame frame = light_frame(quad);
+    Standing standing;
     light->nb_occluders = 0;
-
-    real height[LANES];
-    int lit[LANES];
-    see_quad(quad, e1, e2, hits, light, height, lit);
-    if (!count_lanes(lit))
-        return SEEN_NOT;
-    Seen seen = SEEN_SAMPLED;
+    Seen seen = see_quad(quad, &frame, hits, light, &standing);
     for (int k = 0; k < scene->nb_spheres && seen == SEEN_SAMPLED; k++)
-        seen = see_sphere(&scene->spheres[k], k, e1, e2, n, hits, height, lit, light);
+        seen = see_sphere(&scene->spheres[k], k, &frame, hits, &standing, light);
     for (int k = 0; k < scene->nb_planes && seen == SEEN_SAMPLED; k++)
-        seen = see_plane(&scene->planes[k], scene->nb_spheres + k, quad, hits, lit);
+        seen = see_plane(&scene->planes[k], scene->nb_spheres + k, quad, hits, standing.lit);
     return seen;
 }

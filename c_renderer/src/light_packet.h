@@ -16,9 +16,12 @@ enum { MAX_OCCLUDERS = 4 };
  * with one height h for all samples. With w not normalised, eq. 5 of docs/estimator.md is
  *     f_r L_e A h (n . w) / |w|^4
  * and needs no square root. A sphere about C (from the point) with radius r hides the direction
- * w if w . C' > 0 and (w . C')^2 > |w|^2, where C' = C / sqrt(|C|^2 - r^2): eq. 6. */
+ * w if w . C' > 0 and (w . C')^2 > |w|^2, where C' = C / sqrt(|C|^2 - r^2): eq. 6.
+ *
+ * All this is homogeneous of degree 0 in lengths. Each lane's unit of length is the distance to
+ * the light's far end, so that |w|^2 is at most about 3 and its powers stay far from overflow. */
 typedef struct {
-    real ux, vx, vy;
+    real ux[LANES], vx[LANES], vy[LANES];
     real cx[LANES], cy[LANES], h_squared[LANES];
     real nx[LANES], ny[LANES], nh[LANES]; /* n . w = nx wx + ny wy + nh */
     int nb_occluders;

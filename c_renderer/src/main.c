@@ -207,7 +207,7 @@ static Options parse_options(int argc, char **argv)
             options.print_scene = true;
             break;
         case VERSION:
-            puts("penumbra-render " PENUMBRA_VERSION);
+            puts("penumbra-render " PENUMBRA_VERSION " " REAL_NAME);
             flush_output();
             exit(0);
         case HELP_OPTION:
@@ -277,14 +277,16 @@ int main(int argc, char **argv)
 
     size_t floats = 3 * (size_t)settings->width * (size_t)settings->height;
     float *radiance = malloc(floats * sizeof *radiance);
-    float *variance = malloc(floats * sizeof *variance);
-    if (!radiance || !variance)
+    bool targeted = options.target_error > 0;
+    bool states_variance = targeted || render_knows_variance(&scene, settings);
+    float *variance = states_variance ? malloc(floats * sizeof *variance) : NULL;
+    if (!radiance || (states_variance && !variance))
         fail("%s%s", "not enough memory for an image of this size", "");
 
     RenderProgress *progress = isatty(STDERR_FILENO) ? show_progress : NULL;
     RenderSpent spent;
     double start = omp_get_wtime();
-    if (options.target_error > 0)
+    if (targeted)
         spent = render_to_target(&scene, settings, options.target_error, radiance, variance,
                                  progress, &start);
     else if (!render(&scene, settings, radiance, variance, progress, &start))
@@ -293,15 +295,13 @@ int main(int argc, char **argv)
     if (progress && seconds > 1)
         fprintf(stderr, "\rrendered in %.1f s\n", seconds);
 
-    bool targeted = options.target_error > 0;
     ExrImage image = {.scene = &scene,
                       .settings = settings,
                       .seconds = seconds,
                       .target_error = options.target_error,
                       .spent = targeted ? &spent : NULL,
-                      .radiance = radiance};
-    if (targeted || render_knows_variance(&scene, settings))
-        image.variance = variance;
+                      .radiance = radiance,
+                      .variance = variance};
     guard_output(options.output);
     bool written = exr_write(options.output, &image, message, sizeof message);
     if (written && targeted)

@@ -1,73 +1,107 @@
 #include "packet.h"
 
-/* camera_ray's direction, for each lane */
-static void camera_directions(const Camera *camera, const real x[LANES], const real y[LANES],
-                              int width, int height, Vec3Packet *direction)
+/* camera_ray for each lane, its direction not normalised: what rays hit, where and from which side
+ * does not depend on their length, and a square root less need be waited for. */
+typedef struct {
+    Vec3 origin;
+    Vec3Packet direction;
+    real inverse_square[LANES]; /* 1 / |direction|^2 */
+} RayPacket;
+
+/* Distances are in units of |direction|. */
+typedef struct {
+    real distance[LANES];
+    int object[LANES];
+} Nearest;
+
+static void camera_rays(const Camera *camera, const real x[LANES], const real y[LANES], int width,
+                        int height, RayPacket *rays)
 {
     const Camera c = *camera;
     const real half_height = c.tan_half_fov_y;
     const real half_width = half_height * (real)width / (real)height;
-    const real pixel_width = 2 / (real)width, pixel_height = 2 / (real)height;
+    const real pixel_width = 2 * half_width / (real)width;
+    const real pixel_height = 2 * half_height / (real)height;
+    rays->origin = c.position;
     SIMD for (int i = 0; i < LANES; i++)
     {
-        real right = (pixel_width * x[i] - 1) * half_width;
-        real up = (1 - pixel_height * y[i]) * half_height;
-        real dx = c.forward.x + right * c.right.x + up * c.up.x;
-        real dy = c.forward.y + right * c.right.y + up * c.up.y;
-        real dz = c.forward.z + right * c.right.z + up * c.up.z;
-        real scale = 1 / sqrt(dx * dx + dy * dy + dz * dz);
-        direction->x[i] = dx * scale;
-        direction->y[i] = dy * scale;
-        direction->z[i] = dz * scale;
+        real right = pixel_width * x[i] - half_width;
+        real up = half_height - pixel_height * y[i];
+        real dx = c.forward.x + (right * c.right.x + up * c.up.x);
+        real dy = c.forward.y + (right * c.right.y + up * c.up.y);
+        real dz = c.forward.z + (right * c.right.z + up * c.up.z);
+        rays->direction.x[i] = dx;
+        rays->direction.y[i] = dy;
+        rays->direction.z[i] = dz;
+        rays->inverse_square[i] = 1 / (dx * dx + dy * dy + dz * dz);
     }
 }
 
-/* sphere_hit and plane_hit, for each lane: the distance where it is below nearest, and then the
- * object. A distance of inf or NaN is none. */
-static void hit_sphere(const Sphere *sphere, int object, Vec3 origin, const Vec3Packet *direction,
-                       real nearest[LANES], int objects[LANES])
+/* Distances that are positive and the least so far; inf and NaN are none. */
+static void keep_nearer(const real distance[LANES], int object, Nearest *nearest)
 {
-    const Vec3 to_origin = vec3_sub(origin, sphere->center);
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        int hit = (distance[i] > 0) & (distance[i] < nearest->distance[i]);
+        nearest->object[i] = hit ? object : nearest->object[i];
+    }
+    SIMD for (int i = 0; i < LANES; i++) nearest->distance[i] =
+        nearest->object[i] == object ? distance[i] : nearest->distance[i];
+}
+
+/* sphere_hit, for each lane. All rays have one origin, inside or outside. */
+static void hit_sphere(const Sphere *sphere, int object, const RayPacket *restrict rays,
+                       Nearest *nearest)
+{
+    const Vec3 to_origin = vec3_sub(rays->origin, sphere->center);
     const real radius_squared = sphere->radius * sphere->radius;
     const real outside = vec3_dot(to_origin, to_origin) - radius_squared;
-    real distance[LANES];
+    const Vec3Packet *direction = &rays->direction;
+    real along[LANES], discriminant[LANES], distance[LANES];
+    int meets[LANES], any = 0;
     SIMD for (int i = 0; i < LANES; i++)
     {
         real dx = direction->x[i], dy = direction->y[i], dz = direction->z[i];
-        real along = to_origin.x * dx + to_origin.y * dy + to_origin.z * dz;
-        real px = to_origin.x - dx * along, py = to_origin.y - dy * along,
-             pz = to_origin.z - dz * along;
-        real discriminant = radius_squared - (px * px + py * py + pz * pz);
-        real half_chord = sqrt(discriminant); /* NaN: a miss */
-        real far_root = half_chord - along;
-        /* From inside, the far wall; its other form is shape.c's, against cancellation. */
-        real from_inside = along > 0 ? -outside / (half_chord + along) : far_root;
-        distance[i] = outside < 0 ? from_inside : outside / far_root;
+        along[i] =
+            (to_origin.x * dx + to_origin.y * dy + to_origin.z * dz) * rays->inverse_square[i];
+        real px = to_origin.x - dx * along[i], py = to_origin.y - dy * along[i],
+             pz = to_origin.z - dz * along[i];
+        discriminant[i] = radius_squared - (px * px + py * py + pz * pz);
     }
-    SIMD for (int i = 0; i < LANES; i++)
-    {
-        int hit = (distance[i] > 0) & (distance[i] < nearest[i]);
-        objects[i] = hit ? object : objects[i];
+    SIMD for (int i = 0; i < LANES; i++) meets[i] = discriminant[i] >= 0;
+    for (int i = 0; i < LANES; i++)
+        any |= meets[i];
+    if (!any)
+        return;
+    if (outside < 0) {
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            real half_chord = sqrt(discriminant[i] * rays->inverse_square[i]);
+            /* the far wall; its other form is shape.c's, against cancellation */
+            real other = -outside * rays->inverse_square[i] / (half_chord + along[i]);
+            distance[i] = along[i] > 0 ? other : half_chord - along[i];
+        }
+    } else {
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            real half_chord = sqrt(discriminant[i] * rays->inverse_square[i]); /* NaN: a miss */
+            distance[i] = outside * rays->inverse_square[i] / (half_chord - along[i]);
+        }
     }
-    SIMD for (int i = 0; i < LANES; i++) nearest[i] =
-        objects[i] == object ? distance[i] : nearest[i];
+    keep_nearer(distance, object, nearest);
 }
 
-static void hit_plane(const Plane *plane, int object, Vec3 origin, const Vec3Packet *direction,
-                      real nearest[LANES], int objects[LANES])
+/* plane_hit, for each lane. */
+static void hit_plane(const Plane *plane, int object, const RayPacket *restrict rays,
+                      Nearest *nearest)
 {
     const Vec3 n = plane->normal;
-    const real height = vec3_dot(n, vec3_sub(plane->point, origin));
+    const real height = vec3_dot(n, vec3_sub(plane->point, rays->origin));
+    const Vec3Packet *direction = &rays->direction;
     real distance[LANES];
     SIMD for (int i = 0; i < LANES; i++) distance[i] =
         height / (n.x * direction->x[i] + n.y * direction->y[i] + n.z * direction->z[i]);
-    SIMD for (int i = 0; i < LANES; i++)
-    {
-        int hit = (distance[i] > 0) & (distance[i] < nearest[i]);
-        objects[i] = hit ? object : objects[i];
-    }
-    SIMD for (int i = 0; i < LANES; i++) nearest[i] =
-        objects[i] == object ? distance[i] : nearest[i];
+    keep_nearer(distance, object, nearest);
 }
 
 /* Normals and colours of the lanes that see this object; most packets see but one or two. */
@@ -104,51 +138,68 @@ static void shade_plane(const Plane *plane, int object, HitPacket *hits)
     }
 }
 
+static void shade(const Scene *scene, int object, HitPacket *hits)
+{
+    if (object < scene->nb_spheres)
+        shade_sphere(&scene->spheres[object], object, hits);
+    else
+        shade_plane(&scene->planes[object - scene->nb_spheres], object, hits);
+}
+
 void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], int width, int height,
                 HitPacket *hits)
 {
-    const Vec3 origin = scene->camera.position;
-    Vec3Packet direction;
-    real nearest[LANES];
-    int object[LANES];
-    camera_directions(&scene->camera, x, y, width, height, &direction);
-    for (int i = 0; i < LANES; i++) {
-        nearest[i] = scene->ray_max_distance;
-        object[i] = SCENE_NOTHING;
-    }
-    for (int s = 0; s < scene->nb_spheres; s++)
-        hit_sphere(&scene->spheres[s], s, origin, &direction, nearest, object);
-    for (int p = 0; p < scene->nb_planes; p++)
-        hit_plane(&scene->planes[p], scene->nb_spheres + p, origin, &direction, nearest, object);
-
-    hits->nb_hits = 0;
-    for (int i = 0; i < LANES; i++) {
-        hits->object[i] = object[i];
-        hits->nb_hits += object[i] != SCENE_NOTHING;
-    }
-    if (!hits->nb_hits)
-        return;
+    RayPacket rays;
+    Nearest nearest;
+    camera_rays(&scene->camera, x, y, width, height, &rays);
     SIMD for (int i = 0; i < LANES; i++)
     {
-        hits->point.x[i] = origin.x + nearest[i] * direction.x[i];
-        hits->point.y[i] = origin.y + nearest[i] * direction.y[i];
-        hits->point.z[i] = origin.z + nearest[i] * direction.z[i];
+        nearest.distance[i] = INFINITY;
+        nearest.object[i] = SCENE_NOTHING;
+    }
+    for (int s = 0; s < scene->nb_spheres; s++)
+        hit_sphere(&scene->spheres[s], s, &rays, &nearest);
+    for (int p = 0; p < scene->nb_planes; p++)
+        hit_plane(&scene->planes[p], scene->nb_spheres + p, &rays, &nearest);
+
+    const real furthest = scene->ray_max_distance * scene->ray_max_distance;
+    int nb_hits = 0, others = 0;
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        real distance = nearest.distance[i];
+        int near = distance * distance < furthest * rays.inverse_square[i];
+        hits->object[i] = near ? nearest.object[i] : SCENE_NOTHING;
+    }
+    for (int i = 0; i < LANES; i++) {
+        nb_hits += hits->object[i] != SCENE_NOTHING;
+        others |= hits->object[i] ^ hits->object[0];
+    }
+    hits->nb_hits = nb_hits;
+    if (!nb_hits)
+        return;
+    const Vec3 origin = rays.origin;
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        real distance = nearest.distance[i];
+        hits->point.x[i] = origin.x + distance * rays.direction.x[i];
+        hits->point.y[i] = origin.y + distance * rays.direction.y[i];
+        hits->point.z[i] = origin.z + distance * rays.direction.z[i];
         hits->normal.x[i] = hits->normal.y[i] = hits->normal.z[i] = 0;
         hits->brdf.r[i] = hits->brdf.g[i] = hits->brdf.b[i] = 0;
     }
-    for (int i = 0, done = SCENE_NOTHING; i < LANES; i++) {
-        if (object[i] == SCENE_NOTHING || object[i] == done)
+    if (!others)
+        shade(scene, hits->object[0], hits);
+    for (int i = 0, done = SCENE_NOTHING; i < LANES && others; i++) {
+        if (hits->object[i] == SCENE_NOTHING || hits->object[i] == done)
             continue;
-        done = object[i];
-        if (done < scene->nb_spheres)
-            shade_sphere(&scene->spheres[done], done, hits);
-        else
-            shade_plane(&scene->planes[done - scene->nb_spheres], done, hits);
+        done = hits->object[i];
+        shade(scene, done, hits);
     }
     SIMD for (int i = 0; i < LANES; i++)
     {
-        real away = hits->normal.x[i] * direction.x[i] + hits->normal.y[i] * direction.y[i] +
-                    hits->normal.z[i] * direction.z[i];
+        real away = hits->normal.x[i] * rays.direction.x[i] +
+                    hits->normal.y[i] * rays.direction.y[i] +
+                    hits->normal.z[i] * rays.direction.z[i];
         real side = away > 0 ? -1.0f : 1.0f;
         hits->normal.x[i] *= side;
         hits->normal.y[i] *= side;

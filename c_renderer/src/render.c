@@ -16,7 +16,7 @@ typedef struct {
     const RenderSettings *settings;
     const PointSet *points;
     const Target *target;       /* NULL: as many samples as there are points */
-    float *radiance, *variance; /* three planes each */
+    float *radiance, *variance; /* three planes each; variance NULL: not wanted */
 } Job;
 
 static size_t plane_size(const RenderSettings *settings)
@@ -69,35 +69,85 @@ static void render_row(const Job *job, int y)
         job->radiance[pixel] = (float)estimate.radiance.r;
         job->radiance[plane + pixel] = (float)estimate.radiance.g;
         job->radiance[2 * plane + pixel] = (float)estimate.radiance.b;
+        if (!job->variance)
+            continue;
         job->variance[pixel] = (float)estimate.variance.r;
         job->variance[plane + pixel] = (float)estimate.variance.g;
         job->variance[2 * plane + pixel] = (float)estimate.variance.b;
     }
 }
 
-/* ---- the same, sixteen pixels at a time ---- */
+/* ---- the same, sixteen pixels at a time, several times ---- */
 
-static void packet_radiance(const Job *job, const real x[LANES], const real y[LANES],
-                            RngStream first, EstimatePacket *result, AdaptivePacket *spent)
+/* Neighbouring packets of one row. */
+typedef struct {
+    int nb_packets;
+    int x0, y0;      /* the first pixel */
+    RngStream first; /* its */
+    EstimatePacket estimate[MAX_PACKETS];
+    AdaptivePacket spent[MAX_PACKETS];
+} Stretch;
+
+static void choose_places(const Job *job, const Stretch *stretch, int p, real x[LANES],
+                          real y[LANES])
 {
-    const Rgb background = job->scene->background;
-    HitPacket hits;
-    packet_hit(job->scene, x, y, job->settings->width, job->settings->height, &hits);
-    if (job->target)
-        adaptive_direct_lighting(job->scene, &hits, job->target, first, result, spent);
-    else if (job->settings->estimator == ESTIMATOR_EXACT)
-        kernel_exact_lighting(job->scene, &hits, result);
-    else
-        kernel_direct_lighting(job->scene, &hits, job->points,
-                               job->settings->estimator == ESTIMATOR_HYBRID, first, result);
-    if (hits.nb_hits == LANES)
+    const int x0 = stretch->x0 + p * LANES, y0 = stretch->y0;
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        x[i] = (real)(x0 + i) + 0.5f;
+        y[i] = (real)y0 + 0.5f;
+    }
+    if (job->settings->samples_per_pixel == 1)
+        return;
+    const RngStream first = stretch->first;
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        uint32_t pixel = first.pixel + (uint32_t)(p * LANES + i);
+        RngBlock counter = {{pixel, 0, first.pixel_sample, 0}};
+        RngBlock place = rng_threefry4x32(counter, rng_key(first.seed));
+        x[i] = (real)(x0 + i) + rng_to_uniform(place.word[0]);
+        y[i] = (real)y0 + rng_to_uniform(place.word[1]);
+    }
+}
+
+static void show_background(Rgb background, const HitPacket *hits, EstimatePacket *estimate)
+{
+    if (hits->nb_hits == LANES)
         return;
     SIMD for (int i = 0; i < LANES; i++)
     {
-        int empty = hits.object[i] == SCENE_NOTHING;
-        result->radiance.r[i] = empty ? background.r : result->radiance.r[i];
-        result->radiance.g[i] = empty ? background.g : result->radiance.g[i];
-        result->radiance.b[i] = empty ? background.b : result->radiance.b[i];
+        int empty = hits->object[i] == SCENE_NOTHING;
+        estimate->radiance.r[i] = empty ? background.r : estimate->radiance.r[i];
+        estimate->radiance.g[i] = empty ? background.g : estimate->radiance.g[i];
+        estimate->radiance.b[i] = empty ? background.b : estimate->radiance.b[i];
+    }
+}
+
+/* One ray through each pixel. */
+static void stretch_radiance(const Job *job, Stretch *stretch)
+{
+    const RenderSettings *settings = job->settings;
+    HitPacket hits[MAX_PACKETS];
+    for (int p = 0; p < stretch->nb_packets; p++) {
+        real x[LANES], y[LANES];
+        choose_places(job, stretch, p, x, y);
+        packet_hit(job->scene, x, y, settings->width, settings->height, &hits[p]);
+    }
+    if (!job->target && settings->estimator == ESTIMATOR_AREA)
+        kernel_direct_lighting(job->scene, hits, stretch->nb_packets, job->points, stretch->first,
+                               stretch->estimate);
+    for (int p = 0; p < stretch->nb_packets; p++) {
+        RngStream first = stretch->first;
+        first.pixel += (uint32_t)(p * LANES);
+        EstimatePacket *estimate = &stretch->estimate[p];
+        if (job->target)
+            adaptive_direct_lighting(job->scene, &hits[p], job->target, first, estimate,
+                                     &stretch->spent[p]);
+        else if (settings->estimator == ESTIMATOR_EXACT)
+            kernel_exact_lighting(job->scene, &hits[p], estimate);
+        else if (settings->estimator == ESTIMATOR_HYBRID)
+            kernel_hybrid_lighting(job->scene, &hits[p], job->points, first, estimate);
+        show_background(job->scene->background, &hits[p], estimate);
     }
 }
 
@@ -125,67 +175,79 @@ static void channel_estimate(const double sum[LANES], const double sum_of_square
     }
 }
 
-static void packet_pixels(const Job *job, int x0, int y0, EstimatePacket *result,
-                          AdaptivePacket *spent)
+typedef struct {
+    double sum[3][LANES], sum_of_squares[3][LANES];
+} MomentsPacket;
+
+static void stretch_pixels(const Job *job, Stretch *stretch)
 {
-    RngStream first = pixel_stream(job, x0, y0);
-    real x[LANES], y[LANES];
-    if (job->settings->samples_per_pixel == 1) {
-        for (int i = 0; i < LANES; i++) {
-            x[i] = (real)(x0 + i) + 0.5f;
-            y[i] = (real)y0 + 0.5f;
-        }
-        packet_radiance(job, x, y, first, result, spent);
+    const int n = job->settings->samples_per_pixel;
+    if (n == 1) {
+        stretch_radiance(job, stretch);
         return;
     }
-
-    double sum[3][LANES] = {{0}}, sum_of_squares[3][LANES] = {{0}};
-    for (int s = 0; s < job->settings->samples_per_pixel; s++) {
-        first.pixel_sample = (uint32_t)s;
-        SIMD for (int i = 0; i < LANES; i++)
-        {
-            RngBlock counter = {{first.pixel + (uint32_t)i, 0, first.pixel_sample, 0}};
-            RngBlock place = rng_philox4x32(counter, first.seed);
-            x[i] = (real)(x0 + i) + rng_to_uniform(place.word[0]);
-            y[i] = (real)y0 + rng_to_uniform(place.word[1]);
+    MomentsPacket moments[MAX_PACKETS] = {0};
+    for (int s = 0; s < n; s++) {
+        stretch->first.pixel_sample = (uint32_t)s;
+        stretch_radiance(job, stretch);
+        for (int p = 0; p < stretch->nb_packets; p++) {
+            const RgbPacket *radiance = &stretch->estimate[p].radiance;
+            channel_moments(radiance->r, moments[p].sum[0], moments[p].sum_of_squares[0]);
+            channel_moments(radiance->g, moments[p].sum[1], moments[p].sum_of_squares[1]);
+            channel_moments(radiance->b, moments[p].sum[2], moments[p].sum_of_squares[2]);
         }
-        packet_radiance(job, x, y, first, result, spent);
-        channel_moments(result->radiance.r, sum[0], sum_of_squares[0]);
-        channel_moments(result->radiance.g, sum[1], sum_of_squares[1]);
-        channel_moments(result->radiance.b, sum[2], sum_of_squares[2]);
     }
-    const int n = job->settings->samples_per_pixel;
-    channel_estimate(sum[0], sum_of_squares[0], n, result->radiance.r, result->variance.r);
-    channel_estimate(sum[1], sum_of_squares[1], n, result->radiance.g, result->variance.g);
-    channel_estimate(sum[2], sum_of_squares[2], n, result->radiance.b, result->variance.b);
+    for (int p = 0; p < stretch->nb_packets; p++) {
+        EstimatePacket *e = &stretch->estimate[p];
+        const MomentsPacket *m = &moments[p];
+        channel_estimate(m->sum[0], m->sum_of_squares[0], n, e->radiance.r, e->variance.r);
+        channel_estimate(m->sum[1], m->sum_of_squares[1], n, e->radiance.g, e->variance.g);
+        channel_estimate(m->sum[2], m->sum_of_squares[2], n, e->radiance.b, e->variance.b);
+    }
 }
 
 static void store_lanes(float *plane, size_t pixel, int count, const real value[LANES])
 {
-    for (int i = 0; i < count; i++)
-        plane[pixel + (size_t)i] = (float)value[i];
+    float *const place = plane + pixel;
+    if (count == LANES)
+        SIMD for (int i = 0; i < LANES; i++) place[i] = (float)value[i];
+    else
+        for (int i = 0; i < count; i++)
+            place[i] = (float)value[i];
+}
+
+static void store_packet(const Job *job, size_t pixel, int count, const EstimatePacket *packet)
+{
+    const size_t plane = plane_size(job->settings);
+    store_lanes(job->radiance, pixel, count, packet->radiance.r);
+    store_lanes(job->radiance + plane, pixel, count, packet->radiance.g);
+    store_lanes(job->radiance + 2 * plane, pixel, count, packet->radiance.b);
+    if (!job->variance)
+        return;
+    store_lanes(job->variance, pixel, count, packet->variance.r);
+    store_lanes(job->variance + plane, pixel, count, packet->variance.g);
+    store_lanes(job->variance + 2 * plane, pixel, count, packet->variance.b);
 }
 
 static RenderSpent render_row_in_packets(const Job *job, int y)
 {
     RenderSpent row = {0, 0};
     const int width = job->settings->width;
-    const size_t plane = plane_size(job->settings);
-    for (int x = 0; x < width; x += LANES) {
-        EstimatePacket packet;
-        AdaptivePacket spent;
-        packet_pixels(job, x, y, &packet, &spent);
-        size_t pixel = (size_t)y * (size_t)width + (size_t)x;
-        int count = width - x < LANES ? width - x : LANES;
-        store_lanes(job->radiance, pixel, count, packet.radiance.r);
-        store_lanes(job->radiance + plane, pixel, count, packet.radiance.g);
-        store_lanes(job->radiance + 2 * plane, pixel, count, packet.radiance.b);
-        store_lanes(job->variance, pixel, count, packet.variance.r);
-        store_lanes(job->variance + plane, pixel, count, packet.variance.g);
-        store_lanes(job->variance + 2 * plane, pixel, count, packet.variance.b);
-        for (int i = 0; i < count && job->target; i++) {
-            row.light_samples += spent.light_samples[i];
-            row.pixels_above += !spent.reached[i];
+    Stretch stretch;
+    stretch.y0 = y;
+    for (int x0 = 0; x0 < width; x0 += MAX_PACKETS * LANES) {
+        const int packets = (width - x0 + LANES - 1) / LANES;
+        stretch.nb_packets = packets < MAX_PACKETS ? packets : MAX_PACKETS;
+        stretch.x0 = x0;
+        stretch.first = pixel_stream(job, x0, y);
+        stretch_pixels(job, &stretch);
+        for (int p = 0; p < stretch.nb_packets; p++) {
+            const int x = x0 + p * LANES, count = width - x < LANES ? width - x : LANES;
+            store_packet(job, (size_t)y * (size_t)width + (size_t)x, count, &stretch.estimate[p]);
+            for (int i = 0; i < count && job->target; i++) {
+                row.light_samples += stretch.spent[p].light_samples[i];
+                row.pixels_above += !stretch.spent[p].reached[i];
+            }
         }
     }
     return row;

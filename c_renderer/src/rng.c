@@ -1,11 +1,11 @@
 #include "rng.h"
 
-extern inline RngBlock rng_philox4x32(RngBlock counter, uint64_t seed);
+extern inline RngBlock rng_threefry4x32(RngBlock counter, RngBlock key);
 
 Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension)
 {
     RngBlock counter = {{stream.pixel, sample / 2, stream.pixel_sample, dimension}};
-    RngBlock random = rng_philox4x32(counter, stream.seed);
+    RngBlock random = rng_threefry4x32(counter, rng_key(stream.seed));
     const uint32_t *half = &random.word[sample % 2 * 2];
     return (Uniform2){rng_to_uniform(half[0]), rng_to_uniform(half[1])};
 }

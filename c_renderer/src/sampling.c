@@ -39,6 +39,12 @@ static uint32_t owen_scramble(uint32_t x, uint32_t seed)
     return reverse_bits(x);
 }
 
+/* The bits of 1 + bits 2^-32 as a float, rounded down. */
+static uint32_t one_to_two(uint32_t bits)
+{
+    return UINT32_C(0x3F800000) | bits >> 9;
+}
+
 /* The most nearly square grid of exactly `count` cells. */
 static void choose_grid(int count, int *columns, int *rows)
 {
@@ -62,10 +68,10 @@ bool point_set_create(PointSet *set, Sampler sampler, int count, uint64_t seed)
         point_set_free(set);
         return false;
     }
-    RngBlock scramble = rng_philox4x32((RngBlock){{0, 0, 0, UINT32_MAX}}, seed);
+    RngBlock scramble = rng_threefry4x32((RngBlock){{0, 0, 0, UINT32_MAX}}, rng_key(seed));
     for (uint32_t i = 0; i < (uint32_t)count; i++) {
-        set->table[0][i] = owen_scramble(reverse_bits(i), scramble.word[0]);
-        set->table[1][i] = owen_scramble(sobol_second(i), scramble.word[1]);
+        set->table[0][i] = one_to_two(owen_scramble(reverse_bits(i), scramble.word[0]));
+        set->table[1][i] = one_to_two(owen_scramble(sobol_second(i), scramble.word[1]));
     }
     return true;
 }
@@ -90,9 +96,9 @@ Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index, ui
     }
     case SAMPLER_SOBOL: {
         RngBlock counter = {{stream.pixel, SOBOL_SHIFT_BLOCK, stream.pixel_sample, dimension}};
-        RngBlock shift = rng_philox4x32(counter, stream.seed);
-        return (Uniform2){sobol_to_one_two(set->table[0][index] ^ shift.word[0]) - 1,
-                          sobol_to_one_two(set->table[1][index] ^ shift.word[1]) - 1};
+        RngBlock shift = rng_threefry4x32(counter, rng_key(stream.seed));
+        return (Uniform2){sobol_in_one_two(set->table[0][index], sobol_shift(shift.word[0])) - 1,
+                          sobol_in_one_two(set->table[1][index], sobol_shift(shift.word[1])) - 1};
     }
     }
     return (Uniform2){0, 0};

@@ -17,7 +17,7 @@ typedef struct {
     Sampler sampler;
     int count;          /* points for each light and pixel sample, >= 1 */
     int columns, rows;  /* SAMPLER_JITTERED: the grid, columns * rows == count */
-    uint32_t *table[2]; /* SAMPLER_SOBOL: 32-bit coordinates, before the pixel's shift */
+    uint32_t *table[2]; /* SAMPLER_SOBOL: coordinates + 1 as float bits, before the shift */
 } PointSet;
 
 /* False: out of memory. Otherwise the caller owes a point_set_free. */
@@ -33,21 +33,28 @@ Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index, ui
 /* SAMPLER_SOBOL: words 0 and 1 of this block of a stream and dimension are its digital shift. */
 #define SOBOL_SHIFT_BLOCK UINT32_MAX
 
-/* The top 23 bits as a float in [1, 2): they become its mantissa. */
-static inline float sobol_to_one_two(uint32_t bits)
+/* SAMPLER_SOBOL: a coordinate is kept as a float in [1, 2), whose mantissa is its top 23 bits,
+ * so that the digital shift is one xor. */
+static inline uint32_t sobol_shift(uint32_t bits)
+{
+    return bits >> 9;
+}
+
+static inline float sobol_in_one_two(uint32_t entry, uint32_t shift)
 {
     union {
         uint32_t bits;
         float value;
-    } number = {UINT32_C(0x3F800000) | bits >> 9};
+    } number = {entry ^ shift};
     return number.value;
 }
 
-/* SAMPLER_JITTERED: column (or row) `cell` of `cells`, at the place u in it. */
+/* SAMPLER_JITTERED: column (or row) `cell` of `cells`, at the place u in it. A float in either
+ * precision, as the other samplers' points are: both builds draw the same points. */
 static inline real jitter(uint32_t cell, real u, int cells)
 {
-    real x = ((real)cell + u) / (real)cells;
-    const real below_one = 0x0.ffffffp0f; /* the sum may round up to the next cell */
+    float x = ((float)cell + (float)u) / (float)cells;
+    const float below_one = 0x0.ffffffp0f; /* the sum may round up to the next cell */
     return x < below_one ? x : below_one;
 }
 

@@ -4,8 +4,15 @@
 
 #include <tgmath.h>
 
-/* The renderer's precision. <tgmath.h> picks sqrtf or sqrt to match. */
+/* The renderer's precision, chosen when it is compiled: float64 is the yardstick of float32's
+ * rounding. <tgmath.h> picks sqrtf or sqrt to match. */
+#ifdef PENUMBRA_FLOAT64
+typedef double real;
+#define REAL_NAME "float64"
+#else
 typedef float real;
+#define REAL_NAME "float32"
+#endif
 
 typedef struct {
     real x, y, z;
