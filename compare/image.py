@@ -141,7 +141,7 @@ def _read_exr(path: Path) -> Image:
             with OpenEXR.File(str(path), header_only=True) as exr:
                 images = len(exr.parts)
         except RuntimeError as error:  # which says no more than that it failed
-            reason = f"no EXR header, or one of more than {MAX_SIDE} x {MAX_SIDE} pixels"
+            reason = f"no EXR header, or over {MAX_SIDE} pixels a side, {MAX_TILE_SIDE} of a tile"
             raise ImageError(f"{path}: cannot be read: {reason}") from error
         if images != 1:
             raise ImageError(f"{path}: holds {images} images, not one")
@@ -167,7 +167,8 @@ def _read_exr(path: Path) -> Image:
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """OpenEXR's library prints its troubles itself, also to standard output: not meanwhile."""
+    """OpenEXR prints its troubles itself, through Python and past it, some to standard output: not
+    meanwhile."""
     null = os.open(os.devnull, os.O_WRONLY)
     kept = {}
     try:
@@ -175,7 +176,8 @@ def _silent() -> Iterator[None]:
             with contextlib.suppress(OSError):  # it is closed
                 kept[descriptor] = os.dup(descriptor)
                 os.dup2(null, descriptor)
-        yield
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
     finally:
         for descriptor, copy in kept.items():
             os.dup2(copy, descriptor)
