@@ -35,29 +35,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; its exit code. Errors meant for the user are one sentence on stderr."""
     if sys.stdout is None:  # closed, by `>&-`: what is printed then fails, rather than vanish
         sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
-    signal.signal(signal.SIGTERM, _stop)  # `timeout` and `kill` clean up too
+    stopped_by: list[int] = []
+
+    def stop(number: int, frame: object) -> None:
+        stopped_by.append(number)
+        raise KeyboardInterrupt
+
     options = argparse.Namespace(kept=lambda _: "")
     try:
+        for number in (signal.SIGINT, signal.SIGTERM):  # `timeout` and `kill` clean up too
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, stop)
         try:
             options = _parser().parse_args(arguments)
             return int(options.run(options))
         finally:
             _flush_output()
-    except KeyboardInterrupt as stop:
-        print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
-        return SIGNALLED + int(stop.args[0] if stop.args else signal.SIGINT)
-    except BrokenPipeError:  # `penumbra scene ... | head`
-        return SIGNALLED + signal.SIGPIPE
-    except Exception as error:
+    except (KeyboardInterrupt, Exception) as error:
+        if stopped_by:  # an import that is stopped may fail as if something were missing
+            print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
+            return SIGNALLED + stopped_by[0]
+        if isinstance(error, BrokenPipeError):  # `penumbra scene ... | head`
+            return SIGNALLED + signal.SIGPIPE
         status = _exit_code(error)
         if status is None:
             raise
         print(f"penumbra: {_sentence(error)}", file=sys.stderr)
         return status
-
-
-def _stop(number: int, frame: object) -> None:
-    raise KeyboardInterrupt(number)
 
 
 def _flush_output() -> None:
@@ -70,13 +74,13 @@ def _flush_output() -> None:
         raise OSError(error.errno, error.strerror, "standard output") from error
 
 
-def _sentence(error: Exception) -> str:
+def _sentence(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:  # of no file: print's
         return f"{error.filename or 'standard output'}: {error.strerror}"
     return str(error)
 
 
-def _exit_code(error: Exception) -> int | None:
+def _exit_code(error: BaseException) -> int | None:
     """Our own exceptions, and the system's about files, say all; others are our bugs: None."""
     if isinstance(error, ImportError):  # a library, or bpy: MissingBlender is one
         return MISSING

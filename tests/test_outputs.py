@@ -216,6 +216,19 @@ def test_an_ignored_interrupt_stays_ignored(tmp_path: Path) -> None:
 
 
 COMPARE = f"penumbra compare reference.exr exact --scene {SCENE} --json OUT.json"
+
+
+def wait_until_ready(process: subprocess.Popen[str]) -> None:
+    """Until Python, whose start a signal may end in other ways, has come to our main function,
+    which begins by catching SIGTERM."""
+    while process.poll() is None:
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        caught = next(line for line in status.splitlines() if line.startswith("SigCgt:"))
+        if int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1:
+            return
+        time.sleep(0.001)
+
+
 STOPPABLE = {
     "compare": (COMPARE, "OUT.json"),
     **{
@@ -239,6 +252,8 @@ def stop(command: str, outputs: str, folder: Path, sent: signal.Signals, delay: 
         stderr=subprocess.PIPE,
         text=True,
     )
+    if program == "penumbra":
+        wait_until_ready(process)
     time.sleep(delay)
     process.send_signal(sent)
     _, error = process.communicate(timeout=300)
@@ -246,8 +261,9 @@ def stop(command: str, outputs: str, folder: Path, sent: signal.Signals, delay: 
     assert not [name for name in left if name.endswith(".part") or ".scratch-" in name], left
     finished = process.returncode in (0, 1)  # 1: compare's verdict
     assert finished or shell_status(process.returncode) == 128 + sent, error
-    if not finished and process.returncode > 0:  # else Python had not come to our code yet
-        assert error.startswith("penumbra: stopped") and error.count("\n") == 1, error
+    if not finished and program == "penumbra":
+        # Above it, if numpy was being imported: its C code prints what it makes of the exception.
+        assert error.splitlines()[-1].startswith("penumbra: stopped"), error
     kept = [(folder / name).read_bytes() == b"of an earlier run" for name in outputs.split()]
     assert not any(kept) or not finished
     return shell_status(process.returncode)
@@ -266,8 +282,8 @@ def test_a_stopped_program_says_so_and_leaves_only_whole_files(name: str, folder
             journal.unlink()
 
 
-def test_a_stopped_comparison_is_no_verdict(folder: Path, wait_for: Callable[..., None]) -> None:
-    """Each signal its own status, 128 + n; it is sent once the program answers to it."""
+def test_each_signal_has_its_own_status(folder: Path) -> None:
+    """128 + n, with one sentence; the image would take 20 s."""
     for sent in SIGNALS:
         with subprocess.Popen(
             [*PENUMBRA, "exact", SCENE, "-o", "OUT.exr", "--width", "3000"],
@@ -275,24 +291,9 @@ def test_a_stopped_comparison_is_no_verdict(folder: Path, wait_for: Callable[...
             stderr=subprocess.PIPE,
             text=True,
         ) as process:
-            wait_for(process)
+            wait_until_ready(process)
             process.send_signal(sent)
             _, error = process.communicate(timeout=60)
-        assert (process.returncode, error) == (128 + sent, "penumbra: stopped\n")
+        assert process.returncode == 128 + sent
+        assert error.splitlines()[-1] == "penumbra: stopped"
         assert not list(folder.glob("OUT*"))
-
-
-@pytest.fixture
-def wait_for() -> Callable[[subprocess.Popen[str]], None]:
-    """Until a Python process catches SIGTERM, as its main function begins by asking for."""
-
-    def wait(process: subprocess.Popen[str]) -> None:
-        while True:
-            status = Path(f"/proc/{process.pid}/status").read_text()
-            caught = next(line for line in status.splitlines() if line.startswith("SigCgt:"))
-            if int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1:
-                return
-            assert process.poll() is None
-            time.sleep(0.01)
-
-    return wait
