@@ -92,6 +92,15 @@ $(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
 build: $(foreach product,bin/penumbra-render bin/penumbra-render-float64 lib/libpenumbra.so \
     lib/libpenumbra-float64.so,build/$(product))
 
+# Where shadow rays should start: a study in both precisions, of the renderer's own functions.
+SELF_SHADOW := build/lib/libself_shadow.so build/lib/libself_shadow-float64.so
+$(SELF_SHADOW): compare/self_shadow.c $(patsubst %,c_renderer/src/%.c,scene shape light) \
+    $(wildcard c_renderer/src/*.h) Makefile | build/setup.run
+	@mkdir -p $(@D)
+	gcc $(C_FLAGS) -O3 -march=native $(if $(findstring -float64,$@),-DPENUMBRA_FLOAT64) \
+	    -Ic_renderer/src -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
+build: $(SELF_SHADOW)
+
 # ---------------------------------------------------------------- the experiment
 
 PENUMBRA := .venv/bin/penumbra
@@ -176,6 +185,14 @@ build/trade/%.json: scenes/%.json $(RENDER) build/lib/libpenumbra.so $(COMPARE)
 .PHONY: trade
 trade: build/trade/tp3.json
 
+## self-shadow : where shadow rays should start, on a map; the next report shows it
+.PHONY: self-shadow
+self-shadow: build/stability/self_shadow.json
+
+build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/self_shadow.py \
+    scenes/tp3.json $(SELF_SHADOW)
+	$(PENUMBRA) self-shadow -o build/stability/self_shadow
+
 IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
           $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
@@ -185,13 +202,14 @@ PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
-    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv $(wildcard build/trade/tp3.json) \
+    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
+    $(wildcard $(addprefix build/,trade/tp3.json bench/bench.json stability/self_shadow.json)) \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
 # ---------------------------------------------------------------- benchmark
 
-BENCH_PROGRAMS := build/bin/penumbra-loop build/bin/fma-peak
+BENCH_PROGRAMS := build/bin/penumbra-loop build/bin/scalar-loop build/bin/fma-peak
 
 build/bin/fma-peak: bench/fma_peak.c Makefile | build/setup.run
 	@mkdir -p $(@D)
@@ -205,12 +223,16 @@ build/bin/penumbra-loop: bench/loop.c $(LOOP_OBJECTS)
 	@mkdir -p $(@D)
 	$(LOOP) $(LIB_LDFLAGS) -o $@
 
+build/bin/scalar-loop: bench/loop.c bench/scalar.c bench/other.h $(LOOP_OBJECTS)
+	@mkdir -p $(@D)
+	$(LOOP) -DOTHER -ffp-contract=fast $(LIB_LDFLAGS) -o $@
+
 # Optional: embree3 or embree4, if Debian's libembree-dev is installed.
 EMBREE := $(lastword $(sort $(notdir $(patsubst %/rtcore.h,%,$(wildcard /usr/include/embree*/rtcore.h)))))
 
-build/bin/embree-loop: bench/loop.c bench/embree.c bench/embree.h $(LOOP_OBJECTS)
+build/bin/embree-loop: bench/loop.c bench/embree.c bench/other.h $(LOOP_OBJECTS)
 	@mkdir -p $(@D)
-	$(LOOP) -DWITH_EMBREE $(LIB_LDFLAGS) -l$(EMBREE) -o $@
+	$(LOOP) -DOTHER $(LIB_LDFLAGS) -l$(EMBREE) -o $@
 
 ## bench : speed beside Cycles, Mitsuba, Embree and a textbook loop: build/bench/, docs/performance.md
 .PHONY: bench
@@ -269,14 +291,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch] tests/fuzz/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch] tests/fuzz/*.c
+	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

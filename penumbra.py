@@ -310,6 +310,15 @@ def _trade(options: argparse.Namespace) -> int:
     return PASS
 
 
+def _self_shadow(options: argparse.Namespace) -> int:
+    from compare.self_shadow import verdict_lines, write_map
+
+    for line in verdict_lines(write_map(options.out, options.rays)["verdict"]):
+        print(line)
+    print(f"written: {options.out}.csv and {options.out}.json")
+    return PASS
+
+
 def _report(options: argparse.Namespace) -> int:
     from report.build import build
 
@@ -410,6 +419,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_converge(add)
     _add_speedup(add)
     _add_trade(add)
+    _add_self_shadow(add)
     _add_report(add)
     return parser
 
@@ -688,6 +698,28 @@ def _add_trade(add: Any) -> None:
         "--keep-images",
         action="store_true",
         help="images of equal time and of equal error, for the report, in OUT_images/",
+    )
+
+
+def _add_self_shadow(add: Any) -> None:
+    sub = add(
+        "self-shadow",
+        _self_shadow,
+        "Measure where a shadow ray should start: how often four ways let a surface shadow itself\n"
+        "or let light leak, against the truth, in scenes translated by 0 to 1e7 and scaled by\n"
+        "1e-6 to 1e6, in float32 and float64.",
+        "penumbra self-shadow -o build/stability/self_shadow",
+    )
+    sub.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="OUT",
+        default=Path("build", "stability", "self_shadow"),
+        help="writes OUT.csv and OUT.json [build/stability/self_shadow]",
+    )
+    sub.add_argument(
+        "--rays", type=positive, default=4096, metavar="N", help="of each scene and place [4096]"
     )
 
 

@@ -5,11 +5,11 @@
 #include <embree3/rtcore.h>
 #endif
 
-#include "embree.h"
+#include "other.h"
 
 enum { PACKET = 16 };
 
-const char *const EMBREE_VERSION = RTC_VERSION_STRING;
+const char *const OTHER_VERSION = RTC_VERSION_STRING;
 
 static const real START = 1e-4f; /* [m] shadow rays start there, for Embree knows no "not this" */
 
@@ -178,8 +178,8 @@ static Rgb pixel(const Scene *scene, RTCScene traced, const RenderSettings *sett
     return rgb_mul(from.brdf, rgb_scale(sum, 1 / (real)n));
 }
 
-bool embree_render(const Scene *scene, const RenderSettings *settings, float *radiance,
-                   float *variance, RenderProgress *progress, void *user)
+bool other_render(const Scene *scene, const RenderSettings *settings, float *radiance,
+                  float *variance, RenderProgress *progress, void *user)
 {
     static RTCScene traced; /* the process has one scene, and building it is not rendering */
     (void)variance, (void)progress, (void)user;

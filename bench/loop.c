@@ -19,10 +19,10 @@
 #include "scene_json.h"
 
 /* What is timed. */
-#ifdef WITH_EMBREE
-#include "embree.h"
-#define RENDER embree_render
-#define RENDERER EMBREE_VERSION
+#ifdef OTHER
+#include "other.h"
+#define RENDER other_render
+#define RENDERER OTHER_VERSION
 #else
 #define RENDER render
 #define RENDERER PENUMBRA_VERSION

@@ -30,6 +30,7 @@ from bench.systems import (
     Loop,
     MitsubaSystem,
     Penumbra,
+    ScalarLoop,
     System,
     mitsuba_name,
     program,
@@ -40,7 +41,7 @@ from compare.provenance import ROOT
 from compare.scene import Scene, read_scene
 
 COMPARED = (16, 64, 256)
-"""Light samples at which the textbook and other people's renderers are measured, however long
+"""Light samples at which the scalar loop and other people's renderers are measured, however long
 they take."""
 FITTED = (4, 16, 64, 256, 1024, 4096)
 """More of them, for error against time; what takes more than FRAME_LIMIT is left out."""
@@ -48,8 +49,6 @@ FRAME_LIMIT = 2.5
 """Longest frame of a system that need not be compared at that N [s]."""
 QUICK_LIMIT = 0.5
 """Longest frame for sizes, one thread, and the N of a target [s]."""
-TEXTBOOK = "textbook independent"
-"""The lab's loop in scalar C, kept as it is taught: Penumbra's own --estimator textbook."""
 SIZES = ((150, 100), (300, 200), (600, 400), (1200, 800), (2400, 1600), (4800, 3200))
 SIZE_SAMPLES = 64
 TARGETS = (0.01, 0.001)
@@ -163,6 +162,7 @@ def _systems(plan: Plan, stack: contextlib.ExitStack) -> tuple[list[System], dic
             MitsubaSystem, plan.scene_file, *size, plan.threads, variant, plan.mitsuba_python or ""
         )
         start(mitsuba_name(variant), make, plan.mitsuba_python is not None)
+    start(ScalarLoop.name, partial(ScalarLoop, plan.scene_file), True)
     start("Embree", partial(EmbreeSystem, plan.scene_file), plan.embree)
     return systems, absent
 
@@ -267,7 +267,7 @@ def _warm_up(plan: Plan, system: System) -> dict[int, float]:
     for count in sorted({*plan.compared, *plan.fitted}):
         expected = seconds[max(seconds)] * count / max(seconds) if seconds else 0.0
         if expected > FRAME_LIMIT:
-            if count in plan.compared and (not system.flexible or system.name == TEXTBOOK):
+            if count in plan.compared and not system.flexible:
                 seconds[count] = expected
             continue
         frame = Frame(plan.width, plan.height, count, plan.threads)

@@ -165,6 +165,26 @@ class Penumbra:
 # ---------------------------------------------------------------- others
 
 
+class ScalarLoop:
+    """The lab's loop in scalar C, bench/scalar.c. Raises Absent, NotBuilt."""
+
+    name = "scalar loop"
+    flexible = False
+    box_filtered = False
+
+    def __init__(self, scene_file: Path) -> None:
+        if read_scene(scene_file).point_lights:
+            raise Absent("the benchmark's scalar loop knows quad lights only")
+        self._loop = Loop(scene_file, "scalar-loop")
+        self.version = self._loop.version
+
+    def shoot(self, frame: Frame, picture: bool) -> Shot:
+        return self._loop.shoot("textbook", "independent", frame, picture)
+
+    def close(self) -> None:
+        self._loop.close()
+
+
 class EmbreeSystem:
     """Embree's rays with the textbook's light samples, bench/embree.c. Raises Absent."""
 

@@ -75,9 +75,12 @@ Rgb exact_lighting(const Scene *scene, const Hit *hit);
 typedef struct { real x[16], y[16], z[16]; } Vec3Packet;
 typedef struct { real r[16], g[16], b[16]; } RgbPacket;
 typedef struct {
-    int nb_hits; int object[16]; Vec3Packet point; Vec3Packet normal; RgbPacket brdf;
+    int nb_hits; int one_object; int object[16];
+    Vec3Packet point; Vec3Packet normal; RgbPacket brdf;
 } HitPacket;
-void packet_hit(const Scene *scene, const real *x, const real *y, int width, int height,
+typedef struct { Vec3 origin; Vec3 corner, right, down; } ImagePlane;
+ImagePlane image_plane(const Camera *camera, int width, int height);
+void packet_hit(const Scene *scene, const ImagePlane *plane, const real *x, const real *y,
                 HitPacket *hits);
 void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPacket *hits,
                        double *irradiance);

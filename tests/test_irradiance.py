@@ -356,10 +356,12 @@ def test_exact_frame_of_the_labs_scenes_is_within_1e_6(name: str) -> None:
     core = CScene(scene)
     image = np.zeros((height, width, 3))
     hits, radiance = ffi.new("HitPacket *"), ffi.new("RgbPacket *")
+    camera = ffi.addressof(core.scene[0], "camera")
+    plane = ffi.new("ImagePlane *", library().image_plane(camera, width, height))
     for y in range(height):
         for x in range(0, width, LANES):
             xs, ys = [x + i + 0.5 for i in range(LANES)], [y + 0.5] * LANES
-            library().packet_hit(core.scene, xs, ys, width, height, hits)
+            library().packet_hit(core.scene, plane, xs, ys, hits)
             library().exact_lighting_packet(core.scene, hits, radiance)
             channels = [list(radiance.r), list(radiance.g), list(radiance.b)]
             image[y, x : x + LANES] = np.transpose(channels)

@@ -93,7 +93,8 @@ def array(v: Any) -> np.ndarray:
 def as_double(double: Core, hits: Any) -> Any:
     """The float32 core's hits, the same numbers, for the float64 core."""
     copy = double.ffi.new("HitPacket *")
-    copy.nb_hits, copy.object = hits.nb_hits, list(hits.object)
+    copy.nb_hits, copy.one_object = hits.nb_hits, hits.one_object
+    copy.object = list(hits.object)
     for part, names in (("point", "xyz"), ("normal", "xyz"), ("brdf", "rgb")):
         for name in names:
             setattr(getattr(copy, part), name, list(getattr(getattr(hits, part), name)))
@@ -270,7 +271,9 @@ def packet_of(c: Core, scene: Any, rng: np.random.Generator) -> Any:
     x = [float(v) for v in rng.integers(0, 21) + np.arange(LANES) + 0.5]
     y = [float(rng.integers(0, 23)) + 0.5] * LANES
     hits = c.ffi.new("HitPacket *")
-    c.library.packet_hit(scene, x, y, 37, 23, hits)
+    camera = c.ffi.addressof(scene, "camera")
+    plane = c.ffi.new("ImagePlane *", c.library.image_plane(camera, 37, 23))
+    c.library.packet_hit(scene, plane, x, y, hits)
     for i in range(LANES):
         if hits.object[i] < 0:  # such lanes are not set: something finite
             for part, names in (("point", "xyz"), ("normal", "xyz"), ("brdf", "rgb")):

@@ -197,6 +197,8 @@ static Seen see_sphere(const Sphere *sphere, int object, const Frame *frame,
 static Seen see_plane(const Plane *plane, int object, const QuadLight *quad,
                       const HitPacket *restrict hits, const int lit[LANES])
 {
+    if (hits->one_object && hits->object[0] == object)
+        return SEEN_SAMPLED; /* no plane hides anything from its own points */
     const Vec3 n = plane->normal, p = plane->point;
     const real at_corner = vec3_dot(n, vec3_sub(quad->corner, p));
     const real along_u = vec3_dot(n, quad->edge_u), along_v = vec3_dot(n, quad->edge_v);

@@ -1,5 +1,24 @@
 #include "packet.h"
 
+/* Distances are in units of |direction|. */
+typedef struct {
+    real distance[LANES];
+    int object[LANES];
+} Nearest;
+
+ImagePlane image_plane(const Camera *camera, int width, int height)
+{
+    const real half_height = camera->tan_half_fov_y;
+    const real half_width = half_height * (real)width / (real)height;
+    ImagePlane plane;
+    plane.origin = camera->position;
+    plane.corner = vec3_along(camera->forward, camera->right, -half_width);
+    plane.corner = vec3_along(plane.corner, camera->up, half_height);
+    plane.right = vec3_scale(camera->right, 2 * half_width / (real)width);
+    plane.down = vec3_scale(camera->up, -2 * half_height / (real)height);
+    return plane;
+}
+
 /* camera_ray for each lane, its direction not normalised: what rays hit, where and from which side
  * does not depend on their length, and a square root less need be waited for. */
 typedef struct {
@@ -8,28 +27,16 @@ typedef struct {
     real inverse_square[LANES]; /* 1 / |direction|^2 */
 } RayPacket;
 
-/* Distances are in units of |direction|. */
-typedef struct {
-    real distance[LANES];
-    int object[LANES];
-} Nearest;
-
-static void camera_rays(const Camera *camera, const real x[LANES], const real y[LANES], int width,
-                        int height, RayPacket *rays)
+static void image_rays(const ImagePlane *plane, const real x[LANES], const real y[LANES],
+                       RayPacket *rays)
 {
-    const Camera c = *camera;
-    const real half_height = c.tan_half_fov_y;
-    const real half_width = half_height * (real)width / (real)height;
-    const real pixel_width = 2 * half_width / (real)width;
-    const real pixel_height = 2 * half_height / (real)height;
-    rays->origin = c.position;
+    const Vec3 corner = plane->corner, right = plane->right, down = plane->down;
+    rays->origin = plane->origin;
     SIMD for (int i = 0; i < LANES; i++)
     {
-        real right = pixel_width * x[i] - half_width;
-        real up = half_height - pixel_height * y[i];
-        real dx = c.forward.x + (right * c.right.x + up * c.up.x);
-        real dy = c.forward.y + (right * c.right.y + up * c.up.y);
-        real dz = c.forward.z + (right * c.right.z + up * c.up.z);
+        real dx = corner.x + (x[i] * right.x + y[i] * down.x);
+        real dy = corner.y + (x[i] * right.y + y[i] * down.y);
+        real dz = corner.z + (x[i] * right.z + y[i] * down.z);
         rays->direction.x[i] = dx;
         rays->direction.y[i] = dy;
         rays->direction.z[i] = dz;
@@ -49,7 +56,7 @@ static void keep_nearer(const real distance[LANES], int object, Nearest *nearest
         nearest->object[i] == object ? distance[i] : nearest->distance[i];
 }
 
-/* sphere_hit, for each lane. All rays have one origin, inside or outside. */
+/* sphere_hit, for each lane. All rays have one origin, outside or not. */
 static void hit_sphere(const Sphere *sphere, int object, const RayPacket *restrict rays,
                        Nearest *nearest)
 {
@@ -73,7 +80,7 @@ static void hit_sphere(const Sphere *sphere, int object, const RayPacket *restri
         any |= meets[i];
     if (!any)
         return;
-    if (outside < 0) {
+    if (outside <= 0) {
         SIMD for (int i = 0; i < LANES; i++)
         {
             real half_chord = sqrt(discriminant[i] * rays->inverse_square[i]);
@@ -104,7 +111,7 @@ static void hit_plane(const Plane *plane, int object, const RayPacket *restrict 
     keep_nearer(distance, object, nearest);
 }
 
-/* Normals and colours of the lanes that see this object; most packets see but one or two. */
+/* Normals and colours of the lanes that see this object. */
 static void shade_sphere(const Sphere *sphere, int object, HitPacket *hits)
 {
     const Sphere s = *sphere;
@@ -146,12 +153,27 @@ static void shade(const Scene *scene, int object, HitPacket *hits)
         shade_plane(&scene->planes[object - scene->nb_spheres], object, hits);
 }
 
-void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], int width, int height,
-                HitPacket *hits)
+static void shade_each(const Scene *scene, HitPacket *hits)
+{
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        hits->normal.x[i] = hits->normal.y[i] = hits->normal.z[i] = 0;
+        hits->brdf.r[i] = hits->brdf.g[i] = hits->brdf.b[i] = 0;
+    }
+    for (int i = 0, done = SCENE_NOTHING; i < LANES; i++) {
+        if (hits->object[i] == SCENE_NOTHING || hits->object[i] == done)
+            continue;
+        done = hits->object[i];
+        shade(scene, done, hits);
+    }
+}
+
+void packet_hit(const Scene *scene, const ImagePlane *plane, const real x[LANES],
+                const real y[LANES], HitPacket *hits)
 {
     RayPacket rays;
     Nearest nearest;
-    camera_rays(&scene->camera, x, y, width, height, &rays);
+    image_rays(plane, x, y, &rays);
     SIMD for (int i = 0; i < LANES; i++)
     {
         nearest.distance[i] = INFINITY;
@@ -175,6 +197,7 @@ void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], in
         others |= hits->object[i] ^ hits->object[0];
     }
     hits->nb_hits = nb_hits;
+    hits->one_object = !others;
     if (!nb_hits)
         return;
     const Vec3 origin = rays.origin;
@@ -184,17 +207,11 @@ void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], in
         hits->point.x[i] = origin.x + distance * rays.direction.x[i];
         hits->point.y[i] = origin.y + distance * rays.direction.y[i];
         hits->point.z[i] = origin.z + distance * rays.direction.z[i];
-        hits->normal.x[i] = hits->normal.y[i] = hits->normal.z[i] = 0;
-        hits->brdf.r[i] = hits->brdf.g[i] = hits->brdf.b[i] = 0;
     }
-    if (!others)
+    if (hits->one_object)
         shade(scene, hits->object[0], hits);
-    for (int i = 0, done = SCENE_NOTHING; i < LANES && others; i++) {
-        if (hits->object[i] == SCENE_NOTHING || hits->object[i] == done)
-            continue;
-        done = hits->object[i];
-        shade(scene, done, hits);
-    }
+    else
+        shade_each(scene, hits);
     SIMD for (int i = 0; i < LANES; i++)
     {
         real away = hits->normal.x[i] * rays.direction.x[i] +

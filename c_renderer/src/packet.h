@@ -23,15 +23,25 @@ typedef struct {
 /* scene_hit's answer, lane by lane. */
 typedef struct {
     int nb_hits;       /* lanes with an object */
+    int one_object;    /* whether all lanes see the same */
     int object[LANES]; /* SCENE_NOTHING: nothing else is set */
     Vec3Packet point;  /* [m] */
     Vec3Packet normal; /* unit, turned towards the ray's origin */
     RgbPacket brdf;    /* [sr^-1] */
 } HitPacket;
 
-/* Rays through the image positions (x[lane], y[lane]) [pixels] and what they hit. */
-void packet_hit(const Scene *scene, const real x[LANES], const real y[LANES], int width, int height,
-                HitPacket *hits);
+/* An image's pixels before the camera: the direction through the position (x, y) [pixels] is
+ * corner + x right + y down, at a distance of 1 along the camera's axis. */
+typedef struct {
+    Vec3 origin;
+    Vec3 corner, right, down;
+} ImagePlane;
+
+ImagePlane image_plane(const Camera *camera, int width, int height);
+
+/* What the rays through the positions (x[lane], y[lane]) hit. */
+void packet_hit(const Scene *scene, const ImagePlane *plane, const real x[LANES],
+                const real y[LANES], HitPacket *hits);
 
 /* One lane by itself. */
 Hit packet_lane(const HitPacket *hits, int lane);

@@ -15,6 +15,7 @@ typedef struct {
     const Scene *scene;
     const RenderSettings *settings;
     const PointSet *points;
+    ImagePlane plane;
     const Target *target;       /* NULL: as many samples as there are points */
     float *radiance, *variance; /* three planes each; variance NULL: not wanted */
 } Job;
@@ -131,7 +132,7 @@ static void stretch_radiance(const Job *job, Stretch *stretch)
     for (int p = 0; p < stretch->nb_packets; p++) {
         real x[LANES], y[LANES];
         choose_places(job, stretch, p, x, y);
-        packet_hit(job->scene, x, y, settings->width, settings->height, &hits[p]);
+        packet_hit(job->scene, &job->plane, x, y, &hits[p]);
     }
     if (!job->target && settings->estimator == ESTIMATOR_AREA)
         kernel_direct_lighting(job->scene, hits, stretch->nb_packets, job->points, stretch->first,
@@ -296,7 +297,8 @@ bool render(const Scene *scene, const RenderSettings *settings, float *radiance,
     PointSet points;
     if (!point_set_create(&points, settings->sampler, settings->nb_light_samples, settings->seed))
         return false;
-    const Job job = {scene, settings, &points, NULL, radiance, variance};
+    const ImagePlane plane = image_plane(&scene->camera, settings->width, settings->height);
+    const Job job = {scene, settings, &points, plane, NULL, radiance, variance};
     render_rows(&job, progress, user);
     point_set_free(&points);
     return true;
@@ -307,7 +309,8 @@ RenderSpent render_to_target(const Scene *scene, const RenderSettings *settings,
                              RenderProgress *progress, void *user)
 {
     const Target target = {target_error, settings->nb_light_samples};
-    const Job job = {scene, settings, NULL, &target, radiance, variance};
+    const ImagePlane plane = image_plane(&scene->camera, settings->width, settings->height);
+    const Job job = {scene, settings, NULL, plane, &target, radiance, variance};
     return render_rows(&job, progress, user);
 }
 

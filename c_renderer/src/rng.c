@@ -1,5 +1,6 @@
 #include "rng.h"
 
+extern inline void rng_mix(uint32_t *x, uint32_t *y, int rotation);
 extern inline RngBlock rng_threefry4x32(RngBlock counter, RngBlock key);
 
 Uniform2 rng_uniform2(RngStream stream, uint32_t sample, uint32_t dimension)

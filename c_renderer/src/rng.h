@@ -34,35 +34,38 @@ static inline RngBlock rng_key(uint64_t seed)
     return (RngBlock){{(uint32_t)seed, (uint32_t)(seed >> 32), 0, 0}};
 }
 
-/* Thirteen rounds of adding, rotating and xor on a 128-bit counter. Inline, so that a loop over
- * pixels can work on many counters at once. */
+inline void rng_mix(uint32_t *x, uint32_t *y, int rotation)
+{
+    *x += *y;
+    *y = (*y << rotation | *y >> (32 - rotation)) ^ *x;
+}
+
+/* Thirteen rounds, of two mixes each, on a 128-bit counter. Inline, so that a loop over pixels can
+ * work on many counters at once. */
 inline RngBlock rng_threefry4x32(RngBlock counter, RngBlock key)
 {
-    static const int ROTATION[8][2] = {{10, 26}, {11, 21}, {13, 27}, {23, 5},
-                                       {6, 20},  {17, 11}, {25, 10}, {18, 20}};
-    const uint32_t k[5] = {key.word[0], key.word[1], key.word[2], key.word[3],
-                           UINT32_C(0x1BD11BDA) ^ key.word[0] ^ key.word[1] ^ key.word[2] ^
-                               key.word[3]};
-    uint32_t x0 = counter.word[0] + k[0], x1 = counter.word[1] + k[1];
-    uint32_t x2 = counter.word[2] + k[2], x3 = counter.word[3] + k[3];
-    for (uint32_t round = 0; round < 13; round++) {
-        if (round && round % 4 == 0) {
-            const uint32_t s = round / 4;
-            x0 += k[s % 5];
-            x1 += k[(s + 1) % 5];
-            x2 += k[(s + 2) % 5];
-            x3 += k[(s + 3) % 5] + s;
-        }
-        const int left = ROTATION[round % 8][0], right = ROTATION[round % 8][1];
-        uint32_t y1 = round % 2 ? x3 : x1, y3 = round % 2 ? x1 : x3;
-        x0 += y1;
-        x2 += y3;
-        y1 = (y1 << left | y1 >> (32 - left)) ^ x0;
-        y3 = (y3 << right | y3 >> (32 - right)) ^ x2;
-        x1 = round % 2 ? y3 : y1;
-        x3 = round % 2 ? y1 : y3;
-    }
-    return (RngBlock){{x0, x1, x2, x3}};
+    const uint32_t k0 = key.word[0], k1 = key.word[1], k2 = key.word[2], k3 = key.word[3];
+    const uint32_t k4 = UINT32_C(0x1BD11BDA) ^ k0 ^ k1 ^ k2 ^ k3;
+    uint32_t a = counter.word[0] + k0, b = counter.word[1] + k1;
+    uint32_t c = counter.word[2] + k2, d = counter.word[3] + k3;
+
+    rng_mix(&a, &b, 10), rng_mix(&c, &d, 26);
+    rng_mix(&a, &d, 11), rng_mix(&c, &b, 21);
+    rng_mix(&a, &b, 13), rng_mix(&c, &d, 27);
+    rng_mix(&a, &d, 23), rng_mix(&c, &b, 5);
+    a += k1, b += k2, c += k3, d += k4 + 1;
+    rng_mix(&a, &b, 6), rng_mix(&c, &d, 20);
+    rng_mix(&a, &d, 17), rng_mix(&c, &b, 11);
+    rng_mix(&a, &b, 25), rng_mix(&c, &d, 10);
+    rng_mix(&a, &d, 18), rng_mix(&c, &b, 20);
+    a += k2, b += k3, c += k4, d += k0 + 2;
+    rng_mix(&a, &b, 10), rng_mix(&c, &d, 26);
+    rng_mix(&a, &d, 11), rng_mix(&c, &b, 21);
+    rng_mix(&a, &b, 13), rng_mix(&c, &d, 27);
+    rng_mix(&a, &d, 23), rng_mix(&c, &b, 5);
+    a += k3, b += k4, c += k0, d += k1 + 3;
+    rng_mix(&a, &b, 6), rng_mix(&c, &d, 20);
+    return (RngBlock){{a, b, c, d}};
 }
 
 /* The top 24 bits: all that a float holds, so that the result stays below 1, and is the same
