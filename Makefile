@@ -247,12 +247,43 @@ bench-extras: build/setup.run
 
 # ---------------------------------------------------------------- checks
 
+# The scene reader for libFuzzer, which makes up what the reader has not met yet.
+build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c $(wildcard c_renderer/src/*.h) \
+    $(patsubst %,c_renderer/src/%.c,scene_json scene shape) Makefile | build/setup.test
+	@mkdir -p $(@D)
+	clang $(C_FLAGS) $(CHECKED) -fsanitize=fuzzer,address,undefined -Ic_renderer/src $(LIB_CFLAGS) \
+	    $(filter %.c,$^) $(LIB_LDFLAGS) -o $@.part && mv $@.part $@
+
 PYTHON_FILES := penumbra.py bench blender_ref compare report tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
-test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
+test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render) \
+    build/fuzz/bin/scene-reader
 	.venv/bin/pytest -n auto --maxprocesses 8
+
+## stress : every check that takes hours; FUZZ_SECONDS=60 and the like make it shorter
+.PHONY: stress
+stress: stress-fuzz
+
+# Of processor time, for each of the two scene readers; images and signals take a sixth.
+FUZZ_SECONDS ?= 3600
+FUZZER = build/fuzz/bin/scene-reader -dict=tests/fuzz/scene.dict -max_len=4096 \
+    -artifact_prefix=build/fuzz/found/
+
+# ASan need not remember what was freed many files ago, nor fill the reader's megabyte each time.
+.PHONY: stress-fuzz
+stress-fuzz: build build/fuzz/bin/scene-reader build/asan/bin/penumbra-render
+	@mkdir -p build/fuzz/corpus build/fuzz/found
+	ASAN_OPTIONS=quarantine_size_mb=4:max_malloc_fill_size=0 \
+	    $(FUZZER) -max_total_time=$(FUZZ_SECONDS) build/fuzz/corpus tests/fuzz/corpus
+	FUZZ_SECONDS=$(FUZZ_SECONDS) .venv/bin/pytest -rP --timeout=0 \
+	    tests/test_fuzz_scene.py tests/test_fuzz_image.py tests/test_outputs.py
+
+# Keeps, of what stress-fuzz found, the files that lead to code which none did before.
+.PHONY: fuzz-corpus
+fuzz-corpus: build/fuzz/bin/scene-reader
+	$(FUZZER) -merge=1 tests/fuzz/corpus build/fuzz/corpus
 
 ## lint : style and types, Python and C
 .PHONY: lint
@@ -260,14 +291,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch] compare/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch] compare/*.c
+	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean
