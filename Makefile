@@ -92,6 +92,15 @@ $(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
 build: $(foreach product,bin/penumbra-render bin/penumbra-render-float64 lib/libpenumbra.so \
     lib/libpenumbra-float64.so,build/$(product))
 
+# Where shadow rays should start: a study in both precisions, of the renderer's own functions.
+SELF_SHADOW := build/lib/libself_shadow.so build/lib/libself_shadow-float64.so
+$(SELF_SHADOW): compare/self_shadow.c $(patsubst %,c_renderer/src/%.c,scene shape light) \
+    $(wildcard c_renderer/src/*.h) Makefile | build/setup.run
+	@mkdir -p $(@D)
+	gcc $(C_FLAGS) -O3 -march=native $(if $(findstring -float64,$@),-DPENUMBRA_FLOAT64) \
+	    -Ic_renderer/src -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
+build: $(SELF_SHADOW)
+
 # ---------------------------------------------------------------- the experiment
 
 PENUMBRA := .venv/bin/penumbra
@@ -176,6 +185,14 @@ build/trade/%.json: scenes/%.json $(RENDER) build/lib/libpenumbra.so $(COMPARE)
 .PHONY: trade
 trade: build/trade/tp3.json
 
+## self-shadow : where shadow rays should start, on a map; the next report shows it
+.PHONY: self-shadow
+self-shadow: build/stability/self_shadow.json
+
+build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/self_shadow.py \
+    scenes/tp3.json $(SELF_SHADOW)
+	$(PENUMBRA) self-shadow -o build/stability/self_shadow
+
 IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
           $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
@@ -185,7 +202,8 @@ PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
-    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv $(wildcard build/trade/tp3.json) \
+    $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
+    $(wildcard $(addprefix build/,trade/tp3.json bench/bench.json stability/self_shadow.json)) \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
@@ -229,11 +247,19 @@ bench-extras: build/setup.run
 
 # ---------------------------------------------------------------- checks
 
+# The scene reader for libFuzzer, which makes up what the reader has not met yet.
+build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c $(wildcard c_renderer/src/*.h) \
+    $(patsubst %,c_renderer/src/%.c,scene_json scene shape) Makefile | build/setup.test
+	@mkdir -p $(@D)
+	clang $(C_FLAGS) $(CHECKED) -fsanitize=fuzzer,address,undefined -Ic_renderer/src $(LIB_CFLAGS) \
+	    $(filter %.c,$^) $(LIB_LDFLAGS) -o $@.part && mv $@.part $@
+
 PYTHON_FILES := penumbra.py bench blender_ref compare report tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
-test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render)
+test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render) \
+    build/fuzz/bin/scene-reader
 	.venv/bin/pytest -n auto --maxprocesses 8
 
 # Where floats break: every sweep in full, and twenty times the cases of the tests.
@@ -244,20 +270,43 @@ build/stability/stability.json: $(COMPARE) | build
 stress-numbers: build/stability/stability.json build
 	PENUMBRA_STRESS=20 .venv/bin/pytest tests/test_stability.py tests/test_terms.py tests/test_precision.py
 
+## stress : every check that takes hours; FUZZ_SECONDS=60 and the like make it shorter
+.PHONY: stress
+stress: stress-fuzz stress-numbers
+
+# Of processor time, for each of the two scene readers; images and signals take a sixth.
+FUZZ_SECONDS ?= 3600
+FUZZER = build/fuzz/bin/scene-reader -dict=tests/fuzz/scene.dict -max_len=4096 \
+    -artifact_prefix=build/fuzz/found/
+
+# ASan need not remember what was freed many files ago, nor fill the reader's megabyte each time.
+.PHONY: stress-fuzz
+stress-fuzz: build build/fuzz/bin/scene-reader build/asan/bin/penumbra-render
+	@mkdir -p build/fuzz/corpus build/fuzz/found
+	ASAN_OPTIONS=quarantine_size_mb=4:max_malloc_fill_size=0 \
+	    $(FUZZER) -max_total_time=$(FUZZ_SECONDS) build/fuzz/corpus tests/fuzz/corpus
+	FUZZ_SECONDS=$(FUZZ_SECONDS) .venv/bin/pytest -rP --timeout=0 \
+	    tests/test_fuzz_scene.py tests/test_fuzz_image.py tests/test_outputs.py
+
+# Keeps, of what stress-fuzz found, the files that lead to code which none did before.
+.PHONY: fuzz-corpus
+fuzz-corpus: build/fuzz/bin/scene-reader
+	$(FUZZER) -merge=1 tests/fuzz/corpus build/fuzz/corpus
+
 ## lint : style and types, Python and C
 .PHONY: lint
 lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch]
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch]
+	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from compare.convergence import Curve
     from compare.renderers import Renderer
 
-PASS, FAIL, USAGE, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
+PASS, FAIL, USAGE, MISSING, SIGNALLED = 0, 1, 2, 3, 128
 """Exit codes: done; a check failed; wrong usage, bad input or unwritable output; a program or
-library is missing; stopped by Ctrl-C."""
+library is missing; SIGNALLED + n: ended by signal n, as a shell says it (130 is Ctrl-C)."""
 
 
 class UsageError(ValueError):
@@ -33,27 +33,54 @@ class UsageError(ValueError):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; its exit code. Errors meant for the user are one sentence on stderr."""
-    options = _parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # `timeout` and `kill` clean up too
+    if sys.stdout is None:  # closed, by `>&-`: what is printed then fails, rather than vanish
+        sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
+    stopped_by: list[int] = []
+
+    def stop(number: int, frame: object) -> None:
+        stopped_by.append(number)
+        raise KeyboardInterrupt
+
+    options = argparse.Namespace(kept=lambda _: "")
     try:
-        code = int(options.run(options))
-        sys.stdout.flush()  # a short text meets a closed pipe only now
-        return code
-    except KeyboardInterrupt:
-        print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:  # `penumbra scene ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return PASS
-    except Exception as error:
+        for number in (signal.SIGINT, signal.SIGTERM):  # `timeout` and `kill` clean up too
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, stop)
+        try:
+            options = _parser().parse_args(arguments)
+            return int(options.run(options))
+        finally:
+            _flush_output()
+    except (KeyboardInterrupt, Exception) as error:
+        if stopped_by:  # an import that is stopped may fail as if something were missing
+            print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
+            return SIGNALLED + stopped_by[0]
+        if isinstance(error, BrokenPipeError):  # `penumbra scene ... | head`
+            return SIGNALLED + signal.SIGPIPE
         status = _exit_code(error)
         if status is None:
             raise
-        print(f"penumbra: {error}", file=sys.stderr)
+        print(f"penumbra: {_sentence(error)}", file=sys.stderr)
         return status
 
 
-def _exit_code(error: Exception) -> int | None:
+def _flush_output() -> None:
+    """A short text meets a full disk or a closed pipe only now. Raises OSError."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # Nowhere to go: else Python tries again when it ends, and fails its own way.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise OSError(error.errno, error.strerror, "standard output") from error
+
+
+def _sentence(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror:  # of no file: print's
+        return f"{error.filename or 'standard output'}: {error.strerror}"
+    return str(error)
+
+
+def _exit_code(error: BaseException) -> int | None:
     """Our own exceptions, and the system's about files, say all; others are our bugs: None."""
     if isinstance(error, ImportError):  # a library, or bpy: MissingBlender is one
         return MISSING
@@ -293,6 +320,15 @@ def _stability(options: argparse.Namespace) -> int:
     return FAIL if any(bad.values()) else PASS
 
 
+def _self_shadow(options: argparse.Namespace) -> int:
+    from compare.self_shadow import verdict_lines, write_map
+
+    for line in verdict_lines(write_map(options.out, options.rays)["verdict"]):
+        print(line)
+    print(f"written: {options.out}.csv and {options.out}.json")
+    return PASS
+
+
 def _report(options: argparse.Namespace) -> int:
     from report.build import build
 
@@ -368,7 +404,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="penumbra",
         description="Soft shadows: renders compared with Cycles and with the exact answer.",
         epilog="exit status: 0 done, 1 a check failed, 2 usage, bad input or unwritable output, "
-        "3 something is not installed or not built, 130 stopped.\n"
+        "3 something is not installed or not built, 128 + n ended by\n"
+        "signal n (130 is Ctrl-C).\n"
         "`penumbra SUBCOMMAND --help` explains each with an example.",
         formatter_class=_help,
     )
@@ -393,6 +430,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_speedup(add)
     _add_trade(add)
     _add_stability(add)
+    _add_self_shadow(add)
     _add_report(add)
     return parser
 
@@ -693,6 +731,28 @@ def _add_stability(add: Any) -> None:
     )
     stability.add_argument(
         "--budget", choices=("full", "small"), default="full", help="small: fewer values [full]"
+    )
+
+
+def _add_self_shadow(add: Any) -> None:
+    sub = add(
+        "self-shadow",
+        _self_shadow,
+        "Measure where a shadow ray should start: how often four ways let a surface shadow itself\n"
+        "or let light leak, against the truth, in scenes translated by 0 to 1e7 and scaled by\n"
+        "1e-6 to 1e6, in float32 and float64.",
+        "penumbra self-shadow -o build/stability/self_shadow",
+    )
+    sub.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="OUT",
+        default=Path("build", "stability", "self_shadow"),
+        help="writes OUT.csv and OUT.json [build/stability/self_shadow]",
+    )
+    sub.add_argument(
+        "--rays", type=positive, default=4096, metavar="N", help="of each scene and place [4096]"
     )
 
 

@@ -4,6 +4,7 @@ by hand."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +33,35 @@ def write_page(page: Path, result: Result) -> None:
     )
 
 
-def tables(result: Result) -> str:
-    """All tables, as Markdown; ratios first."""
-    parts = [
-        _about(result),
-        "### Targets\n\n" + _targets(result),
-        f"### Render time at equal N, as a multiple of `{FAST}`\n\n" + _compared(result, "ratio"),
-        "### Render time at equal N [ms]\n\n" + _compared(result, "ms"),
-        "### Time to a relative error\n\n" + _times_to_error(result),
-        "### Error against N\n\n" + _errors(result),
-        "### Threads\n\n" + _threads(result),
-        "### Image size\n\n" + _sizes(result),
-        "### Whole processes\n\n" + _processes(result),
-        "### Peak\n\n" + _peak(result),
+@dataclass(frozen=True)
+class Table:
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    """Markdown"""
+    words: int = 0
+    """so many columns at the end are words, as the first is; the others are numbers"""
+
+
+def all_tables(result: Result) -> list[Table]:
+    """Ratios first."""
+    return [
+        _targets(result),
+        _compared(result, f"Render time at equal N, as a multiple of `{FAST}`", ratios=True),
+        _compared(result, "Render time at equal N [ms]", ratios=False),
+        *_times_to_error(result),
+        _errors(result),
+        _threads(result),
+        _sizes(result),
+        _processes(result),
+        _peak(result),
     ]
+
+
+def tables(result: Result) -> str:
+    """All of them, as Markdown."""
+    parts = [about(result) + "\n"]
+    parts += [f"### {t.title}\n\n" + table(t.head, t.rows, t.words) for t in all_tables(result)]
     if result["absent"]:
         lines = [f"- {name}: {why}" for name, why in sorted(result["absent"].items())]
         parts.append("### Not measured\n\n" + "\n".join(lines) + "\n")
@@ -90,7 +106,8 @@ def _ms(seconds: float | None) -> str:
     return number(None if seconds is None else 1e3 * seconds)
 
 
-def _about(result: Result) -> str:
+def about(result: Result) -> str:
+    """Machine, versions and how it was measured."""
     machine, versions = result["machine"], result["versions"]
     listed = ", ".join(f"{name} {version}" for name, version in versions.items())
     return (
@@ -98,11 +115,11 @@ def _about(result: Result) -> str:
         f"{result['date']}. {listed}. {result['scene']} at {result['width']}×{result['height']}, "
         f"{result['threads']} threads, medians of {result['rounds']} interleaved rounds. Load "
         f"average before the start: {result['load']:.2f} (0 is a machine at rest). Whole run: "
-        f"{result['minutes']:.1f} minutes. Command: `make bench`.\n"
+        f"{result['minutes']:.1f} minutes. Command: `make bench`."
     )
 
 
-def _targets(result: Result) -> str:
+def _targets(result: Result) -> Table:
     def value(row: Result, key: str) -> str:
         if row[key] is None:
             return "–"
@@ -112,7 +129,8 @@ def _targets(result: Result) -> str:
     def verdict(row: Result) -> str:
         return {True: "yes", False: "**no**", None: "not measured"}[row["met"]]
 
-    return table(
+    return Table(
+        "Targets",
         ["what", "at least", "stretch", "reached", "met", "bound by"],
         [
             [row["what"], *(value(row, k) for k in ("at_least", "stretch", "reached")),
@@ -123,7 +141,7 @@ def _targets(result: Result) -> str:
     )  # fmt: skip
 
 
-def _compared(result: Result, kind: str) -> str:
+def _compared(result: Result, title: str, ratios: bool) -> Table:
     rows = []
     for name in result["systems"]:
         cells = []
@@ -133,15 +151,15 @@ def _compared(result: Result, kind: str) -> str:
                            threads=result["threads"])
                 for system in (name, FAST)
             )  # fmt: skip
-            if kind == "ms":
-                cells.append(_ms(seconds))
-            else:
+            if ratios:
                 cells.append(number(seconds / fast if seconds and fast else None))
+            else:
+                cells.append(_ms(seconds))
         rows.append([f"`{name}`", *cells])
-    return table(["system", *(f"N = {n}" for n in result["compared"])], rows)
+    return Table(title, ["system", *(f"N = {n}" for n in result["compared"])], rows)
 
 
-def _times_to_error(result: Result) -> str:
+def _times_to_error(result: Result) -> list[Table]:
     parts = []
     for target in sorted({row["target"] for row in result["times_to_error"]}, reverse=True):
         found = [row for row in result["times_to_error"] if row["target"] == target]
@@ -160,11 +178,11 @@ def _times_to_error(result: Result) -> str:
             for row in found
         ]  # fmt: skip
         head = ["system", "ratio", "ms", "N", "error at that N", "time is"]
-        parts.append(f"To {target:.1%}:\n\n" + table(head, rows, words=1))
-    return "\n".join(parts)
+        parts.append(Table(f"Time to a relative error of {target:.1%}", head, rows, words=1))
+    return parts
 
 
-def _errors(result: Result) -> str:
+def _errors(result: Result) -> Table:
     counts = sorted({r["light_samples"] for r in result["medians"] if r["experiment"] == "samples"})
     rows = []
     for name in result["systems"]:
@@ -176,10 +194,11 @@ def _errors(result: Result) -> str:
         slope = result["slopes"][name]
         cells = [number(errors.get(n)) for n in counts]
         rows.append([f"`{name}`", number(slope["all"]), number(slope["lit"]), *cells])
-    return table(["system", "slope, all", "slope, lit", *(f"N = {n}" for n in counts)], rows)
+    head = ["system", "slope, all", "slope, lit", *(f"N = {n}" for n in counts)]
+    return Table("Error against N", head, rows)
 
 
-def _threads(result: Result) -> str:
+def _threads(result: Result) -> Table:
     rows = []
     for name in result["systems"]:
         cells = []
@@ -192,10 +211,10 @@ def _threads(result: Result) -> str:
         if any(cell != "–" for cell in cells):
             rows.append([f"`{name}`", *cells])
     head = f"1 thread / {result['threads']} threads"
-    return table([head, *(f"N = {n}" for n in result["compared"])], rows)
+    return Table("Threads", [head, *(f"N = {n}" for n in result["compared"])], rows)
 
 
-def _sizes(result: Result) -> str:
+def _sizes(result: Result) -> Table:
     measured = [r for r in result["medians"] if r["experiment"] == "size"]
     sizes = sorted({(r["width"], r["height"]) for r in measured})
     rows = []
@@ -211,18 +230,18 @@ def _sizes(result: Result) -> str:
             rows.append([f"`{name}`", *cells])
     samples = measured[0]["light_samples"] if measured else 0
     head = f"ns a pixel, N = {samples}"
-    return table([head, *(f"{w}×{h}" for w, h in sizes)], rows)
+    return Table("Image size", [head, *(f"{w}×{h}" for w, h in sizes)], rows)
 
 
-def _processes(result: Result) -> str:
+def _processes(result: Result) -> Table:
     found = [r for r in result["medians"] if r["experiment"] == "process"]
     found.sort(key=lambda r: float(r["seconds"]))
     rows = [[r["system"], _ms(r["seconds"]), _ms(r["low"]), _ms(r["high"])] for r in found]
     samples = found[0]["light_samples"] if found else 0
-    return table([f"process, N = {samples}", "ms", "smallest", "largest"], rows)
+    return Table("Whole processes", [f"process, N = {samples}", "ms", "smallest", "largest"], rows)
 
 
-def _peak(result: Result) -> str:
+def _peak(result: Result) -> Table:
     def percent(value: float | None) -> str:
         return "–" if value is None else f"{value:.0%}"
 
@@ -242,4 +261,4 @@ def _peak(result: Result) -> str:
         "threads", "FMA peak [GFLOP/s]", "division peak [G/s]",
         f"samples of `{FAST}`, N = {count} [G/s]", "share of FMA peak", "share of division peak",
     ]  # fmt: skip
-    return table(head, rows)
+    return Table("Peak", head, rows)

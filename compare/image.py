@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,9 +19,15 @@ from compare.provenance import write_whole
 
 CHANNELS = ("R", "G", "B")
 EIGHT_BIT = (".png", ".jpg", ".jpeg")
+MAX_SIDE, MAX_TILE_SIDE = 16384, 4096
+"""Most pixels in a row or column of an EXR, as in scenes/scene.schema.json, and of its tiles. The
+library believes a header: without a limit, 7 kB that claimed a large tile took 7 GB."""
+OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
+OpenEXR.setMaxTileSize(MAX_TILE_SIDE, MAX_TILE_SIDE)
 UNREADABLE = (
-    *(OSError, RuntimeError, ValueError, TypeError),
-    *(SyntaxError, PillowImage.DecompressionBombError),  # Pillow: a broken, an enormous picture
+    *(OSError, RuntimeError, ValueError, TypeError, MemoryError),
+    SyntaxError,  # Pillow: a broken picture, then enormous ones
+    *(PillowImage.DecompressionBombError, PillowImage.DecompressionBombWarning),
 )
 """What the libraries raise for files that are not what they seem."""
 
@@ -47,8 +58,8 @@ def read_image(file: str | Path) -> Image:
 
     An 8-bit image is taken as the lab saves it, clamped to [0, 1], times 255 and truncated:
     v stands for (v + 1/2) / 255, so it is known to +-1/510 and not at all above 1.
-    Raises ImageError for a file that is missing, cut short, of another kind, without R, G, B,
-    or with NaN, infinite or (variance) negative values.
+    Raises ImageError for a file that is missing, cut short, of another kind, of several images,
+    without R, G, B, or with NaN, infinite or (variance) negative values.
     """
     path = Path(file)
     if not path.is_file():
@@ -88,9 +99,15 @@ def write_exr(file: str | Path, image: Image) -> None:
         "type": OpenEXR.scanlineimage,
         **image.attributes,
     }
+    # To memory first: of a file the library does not notice that its last bytes, which for a small
+    # image are all of them, found the disk full.
+    stream = io.BytesIO()
     try:
-        write_whole(path, lambda part: OpenEXR.File(header, channels).write(str(part)))
-    except (OSError, RuntimeError) as error:
+        OpenEXR.File(header, channels).write(stream)
+        write_whole(path, lambda part: part.write_bytes(stream.getbuffer()))
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
+    except RuntimeError as error:
         raise ImageError(f"{path}: cannot be written: {error}") from error
 
 
@@ -110,7 +127,7 @@ def write_display(file: str | Path, radiance: np.ndarray) -> None:
     try:
         write_whole(path, lambda part: picture.save(part, kind, quality=100, subsampling=0))
     except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error}") from error
+        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _plane(values: np.ndarray, channel: int) -> np.ndarray:
@@ -119,12 +136,24 @@ def _plane(values: np.ndarray, channel: int) -> np.ndarray:
 
 
 def _read_exr(path: Path) -> Image:
-    with OpenEXR.File(str(path), separate_channels=True) as exr:
-        header = dict(exr.header())  # the file empties its own on closing
-        channels = {name: channel.pixels for name, channel in exr.channels().items()}
+    with _silent():
+        try:
+            with OpenEXR.File(str(path), header_only=True) as exr:
+                images = len(exr.parts)
+        except RuntimeError as error:  # which says no more than that it failed
+            reason = f"no EXR header, or over {MAX_SIDE} pixels a side, {MAX_TILE_SIDE} of a tile"
+            raise ImageError(f"{path}: cannot be read: {reason}") from error
+        if images != 1:
+            raise ImageError(f"{path}: holds {images} images, not one")
+        with OpenEXR.File(str(path), separate_channels=True) as exr:
+            if not exr.parts:  # the library drops what it cannot decode
+                raise ImageError(f"{path}: cannot be read: its pixels are damaged or cut short")
+            header = dict(exr.header())  # the file empties its own on closing
+            channels = {name: channel.pixels for name, channel in exr.channels().items()}
 
     def stack(prefix: str) -> np.ndarray:
-        return np.stack([channels[prefix + c] for c in CHANNELS], axis=-1).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a signalling NaN, which is refused in time
+            return np.stack([channels[prefix + c] for c in CHANNELS], axis=-1).astype(np.float64)
 
     has_variance = any(name.startswith("variance.") for name in channels)
     wanted = [p + c for p in ("", "variance.")[: 1 + has_variance] for c in CHANNELS]
@@ -136,8 +165,32 @@ def _read_exr(path: Path) -> Image:
     return Image(stack(""), variance, attributes)
 
 
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """OpenEXR prints its troubles itself, through Python and past it, some to standard output: not
+    meanwhile."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    kept = {}
+    try:
+        for descriptor in (1, 2):
+            with contextlib.suppress(OSError):  # it is closed
+                kept[descriptor] = os.dup(descriptor)
+                os.dup2(null, descriptor)
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        for descriptor, copy in kept.items():
+            os.dup2(copy, descriptor)
+            os.close(copy)
+        os.close(null)
+
+
 def _read_eight_bit(path: Path) -> np.ndarray:
-    with PillowImage.open(path) as picture:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", PillowImage.DecompressionBombWarning)
+        # Of these kinds only: Pillow knows forty, of which one starts another program.
+        picture = PillowImage.open(path, formats=("PNG", "JPEG"))
+    with picture:
         if picture.mode not in ("RGB", "RGBA", "L", "P", "CMYK", "YCbCr"):
             raise ImageError(f"{path}: {picture.mode} pixels, not 8 bits a channel")
         return np.asarray(picture.convert("RGB"), dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 from pathlib import Path
@@ -62,7 +63,8 @@ class Journal:
     ) -> None:
         if not self._values:
             self.delete()
-        self._stream.close()
+        with contextlib.suppress(OSError):  # of a line that append() could not write
+            self._stream.close()
 
     def _read(self) -> dict[str, Any]:
         self._stream.seek(0)

@@ -52,15 +52,18 @@ def file_hash(*files: Path) -> str:
 def write_whole(file: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill `<file>.part`, then rename it: the file is whole or absent.
 
-    Raises OSError if it cannot be written.
+    Raises OSError, which names the file, if it cannot be written.
     """
-    file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(file.name + ".part")
     try:
-        write(part)
-        os.replace(part, file)
-    finally:
-        part.unlink(missing_ok=True)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            write(part)
+            os.replace(part, file)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(file)) from error
 
 
 def write_json(file: Path, value: Any) -> None:

@@ -11,6 +11,7 @@ import math
 import re
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -24,6 +25,13 @@ MAX_BYTES = 1 << 20
 """Largest scene file read [bytes]; a thousand lights take a tenth of it."""
 MIN_LENGTH = 1e-9
 """Shorter vectors [m] and smaller angles [rad] count as zero."""
+MAX_DEPTH = 16
+"""Deepest nesting read; a scene needs 4. Python's own limit lies where its stack happens to."""
+MAX_TEXT = 200
+"""As much of a key or reason is repeated in a message [characters]."""
+MAX_ERRORS = 100
+"""Faults that the one to report, the first in the file, is chosen from: a hostile megabyte holds
+half a million, which take 20 s and gigabytes to list."""
 MAX_RADIANCE = 1e30
 """Largest color * power: keeps every product of the estimator finite in float32."""
 
@@ -32,6 +40,7 @@ class SceneError(ValueError):
     """A scene file that cannot be used; the text names file, line, key and reason."""
 
     def __init__(self, file: str | Path, line: int, key: str, reason: str) -> None:
+        key, reason = _printable(key), _printable(reason)
         self.file, self.line, self.key, self.reason = str(file), line, key, reason
         place = f"{file}:{line}: " if line else f"{file}: "
         super().__init__(place + (f"{key}: " if key else "") + reason)
@@ -142,7 +151,7 @@ def read_scene(file: str | Path) -> Scene:
         line = next((lines[path[:n]] for n in range(len(path), -1, -1) if path[:n] in lines), 0)
         raise SceneError(file, line, _key(path), reason)
 
-    errors = [_innermost(error) for error in _validator().iter_errors(data)]
+    errors = [_innermost(e) for e in islice(_validator().iter_errors(data), MAX_ERRORS)]
     if errors:
         path, reason = min(errors, key=lambda e: lines.get(e[0], 0))
         refuse(path, reason)
@@ -283,7 +292,8 @@ def _read_json(file: str | Path) -> tuple[Any, dict[Path_, int]]:
         raise SceneError(file, 0, "", f"larger than {MAX_BYTES} bytes: not a scene")
     try:
         text = raw.decode()
-        data = json.loads(text, parse_constant=_refuse_constant)
+        # Integers become float64 too, as in C: else 1e30 + 1 would be over a limit of 1e30.
+        data = json.loads(text, parse_constant=_refuse_constant, parse_int=float)
         json.dumps(data, ensure_ascii=False).encode()  # a lone surrogate fails here
         if "\\u0000" in text and "\0" in "".join(_strings(data)):
             raise ValueError("a string holds the character U+0000")
@@ -317,7 +327,7 @@ _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 def _line_of_each_value(file: str | Path, text: str) -> dict[Path_, int]:
     """Walk valid JSON once: the line of each value (of its key, in an object).
 
-    Raises SceneError at the second of two equal keys.
+    Raises SceneError at the second of two equal keys, and beyond MAX_DEPTH.
     """
     lines: dict[Path_, int] = {(): 1}
     path: list[str | int] = []  # the path of the value that comes next, while inside containers
@@ -332,6 +342,8 @@ def _line_of_each_value(file: str | Path, text: str) -> dict[Path_, int]:
             lines.setdefault(tuple(path), line)
             in_object.append(token == "{")
             path.append("" if token == "{" else 0)
+            if len(path) > MAX_DEPTH:
+                raise SceneError(file, line, _key(tuple(path[:4])), "nested too deeply")
             expect_key = token == "{"
         elif token in "}]":
             in_object.pop()
@@ -362,6 +374,15 @@ def _key(path: Path_) -> str:
     return text.removeprefix(".")
 
 
+def _printable(text: str) -> str:
+    """What a file says, fit for one line on a terminal.
+
+    >>> _printable("a\\nb\\x1b[31m")
+    'a?b?[31m'
+    """
+    return "".join(c if c.isprintable() else "?" for c in text[:MAX_TEXT])
+
+
 @cache
 def _validator() -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(json.loads(SCHEMA_FILE.read_text()))
@@ -380,8 +401,7 @@ def _innermost(error: jsonschema.ValidationError) -> tuple[Path_, str]:
         return path, f"not of type {error.validator_value}"
     if error.validator == "not":
         return path, f'"{error.instance}" is a reserved name'
-    message = error.message if len(error.message) < 200 else error.message[:200] + "..."
-    return path, message
+    return path, error.message
 
 
 def _vec3(v: Any) -> Vec3:

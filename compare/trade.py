@@ -34,11 +34,13 @@ SEEDS = 6
 confidence, those of five with 94%."""
 TARGETS = (0.03, 0.01, 0.003, 0.001)
 """Relative RMSE."""
-MAX_SECONDS = 0.1
+MAX_SECONDS = 0.03
 """A method's N grow until a frame takes longer. With the rest it makes tp3 take about a
 minute on two cores."""
-FEWEST = 4
+FEWEST = 3
 """N of every method that are measured however long they take: a curve to extrapolate from."""
+TEXTBOOK = "textbook"
+"""It makes the images of area, and takes longer: measured with the lab's sampler alone."""
 TRIES = 3
 """Frames that must all be too slow, in case the machine was busy with something else."""
 WARM_BELOW = 0.02
@@ -233,7 +235,7 @@ def _grid(bench: _Bench, threads: Sequence[int], most: float | None = None) -> l
         if not renderer.uses_samples(estimator):
             images.append(Setting(None, estimator, None, threads[-1]))
             continue
-        for sampler in renderer.samplers:
+        for sampler in renderer.samplers[: 1 if estimator == TEXTBOOK else None]:
             for n in bench.study.light_samples:
                 setting = Setting(sampler, estimator, n, threads[-1])
                 tries = (renderer.render(setting, 0) for _ in range(TRIES))

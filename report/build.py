@@ -8,7 +8,7 @@ import jinja2
 from markupsafe import Markup
 
 from compare.provenance import VERSION, write_whole
-from report import figures, pictures, results, trade
+from report import figures, pictures, results, self_shadow, speed, trade
 from report.inputs import PIXEL_SAMPLES, Data, ReportError, read_inputs
 
 TEMPLATES = Path(__file__).resolve().parent / "template"
@@ -24,9 +24,14 @@ CONTENTS = (
     ("antialiasing", "Why is there less noise in the shadow?"),
     ("threads", "Threads"),
     ("trade", "What does a millisecond buy?"),
+    ("speed", "How fast is that?"),
+    ("self_shadow", "Where should a shadow ray start?"),
     ("remake", "What was rendered, and how to remake it"),
     ("glossary", "Glossary"),
 )
+
+OPTIONAL = ("trade", "speed", "self_shadow")
+"""Left out where they were not measured"""
 
 
 def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
@@ -40,7 +45,7 @@ def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
 
 
 def page(data: Data, build_dir: Path) -> str:
-    """The whole page as HTML, with the trade if build_dir has it.
+    """The whole page as HTML, with the OPTIONAL sections that build_dir has.
 
     Raises ReportError for an input that lacks something.
     """
@@ -62,6 +67,8 @@ def page(data: Data, build_dir: Path) -> str:
             **results.provenance(data),
             **pictures.comparer(data),
             **trade.trade(data, build_dir),
+            **speed.speed(build_dir),
+            **self_shadow.self_shadow(build_dir),
         }
         sections["glance"] = results.glance(data)
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -72,7 +79,7 @@ def page(data: Data, build_dir: Path) -> str:
     return environment.get_template("page.html.j2").render(
         **sections,
         version=VERSION,
-        contents=[c for c in CONTENTS if c[0] != "trade" or sections["trade"]],
+        contents=[c for c in CONTENTS if c[0] not in OPTIONAL or sections[c[0]]],
         enlarged=pictures.ENLARGED,
         pixel_samples=PIXEL_SAMPLES,
         summary=results.summary(data),

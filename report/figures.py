@@ -8,6 +8,7 @@ import re
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import matplotlib
@@ -15,6 +16,8 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from PIL import Image as PillowImage
@@ -40,6 +43,9 @@ INK, FAINT, GRID, PAPER = "#222222", "#6b6b6b", "#e4e4e0", "#fdfdfb"
 BACKED = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.5}
 """behind a label that lies on a line"""
 GUIDE_ABOVE = 1.5
+RATE_STEPS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+"""A colour of rate_maps for each; white for none at all"""
+ABSENT = "#d4d4d0"
 DIVERGING = "PuOr_r"
 """purple below, white at zero, orange above"""
 
@@ -238,6 +244,52 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
         axes.plot(speedup.x, speedup.y, color=colour, marker=marker, markersize=4, linewidth=1.3)
         axes.set(xlabel="OpenMP threads", ylabel="speed-up over one thread [1]", ylim=(0, None))
         axes.xaxis.set_major_locator(MultipleLocator(1))
+        return _svg(figure, name, description)
+
+
+def rate_colours() -> tuple[Colormap, BoundaryNorm]:
+    """White for a rate of 0, then a colour for each of RATE_STEPS, that rate included."""
+    colours = colormaps["inferno_r"](np.linspace(0.12, 0.92, len(RATE_STEPS)))
+    scheme = ListedColormap([(1, 1, 1, 1), *colours], name="rates").with_extremes(bad=ABSENT)
+    edges = [np.nextafter(edge, 2) for edge in (-1.0, 0.0, *RATE_STEPS)]
+    return scheme, BoundaryNorm(edges, scheme.N)
+
+
+def rate_maps(
+    name: str,
+    description: str,
+    rates: np.ndarray,
+    columns: Sequence[str],
+    lines: Sequence[str],
+    x: tuple[str, Sequence[str]],
+    y: tuple[str, Sequence[str]],
+) -> Markup:
+    """Panels of heat maps of rates, one scale of colours for all, as inline SVG.
+
+    rates: (lines, columns, y, x) in [0, 1], NaN where there is none (grey). columns, lines: the
+    panels' titles. x, y: an axis's label, and its values' names.
+    """
+    scheme, norm = rate_colours()
+    with matplotlib.rc_context(RC | {"axes.grid": False, "font.size": 8}):
+        figure = Figure(figsize=(9.6, 4.9), layout="constrained")
+        panels = figure.subplots(len(lines), len(columns), sharex=True, sharey=True, squeeze=False)
+        for place, axes in np.ndenumerate(panels):
+            axes.imshow(rates[place], cmap=scheme, norm=norm, origin="lower", aspect="auto",
+                        interpolation="none")  # fmt: skip
+            axes.tick_params(length=0, labelsize=6.5)
+            axes.set_xticks(range(len(x[1])), x[1])
+            axes.set_yticks(range(len(y[1])), y[1])
+        for axes, title in zip(panels[0], columns, strict=True):
+            axes.set_title(title, fontsize=8.5, color=INK)
+        for axes, title in zip(panels[:, 0], lines, strict=True):
+            axes.set_ylabel(f"{title}\n{y[0]}", fontsize=8.5)
+        for axes in panels[-1]:
+            axes.set_xlabel(x[0])
+        middles = [(a + b) / 2 for a, b in pairwise(norm.boundaries)]
+        bar = figure.colorbar(ScalarMappable(norm, scheme), ax=panels, ticks=middles,
+                              spacing="uniform", aspect=30, pad=0.01)  # fmt: skip
+        bar.ax.set_yticklabels(["none", *(f"≤ {100 * step:g} %" for step in RATE_STEPS)])
+        bar.ax.tick_params(length=0)
         return _svg(figure, name, description)
 
 

@@ -22,6 +22,8 @@ from bench.rounds import VARIANTS, Measured, Plan, Truth
 from bench.systems import Absent, EmbreeSystem, Frame, Loop, MitsubaSystem, ScalarLoop, SystemFailed
 from compare.exact import LIT, exact_image
 from compare.scene import read_scene
+from report.inputs import ReportError
+from report.speed import speed
 from tests.conftest import ROOT, built
 
 WIDTH, HEIGHT = 36, 24
@@ -258,20 +260,33 @@ def test_benchmark_writes_csv_json_and_the_page(scenes: Path, tmp_path: Path) ->
     document.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
     options = f"--width {WIDTH} --height {HEIGHT} --rounds 1 --compared 4,16 --fitted 4"
     options += " --sizes 16x8 --without cycles --without mitsuba --without embree"
-    files = ["-o", str(tmp_path / "out"), "--page", str(document)]
+    files = ["-o", str(tmp_path / "bench"), "--page", str(document)]
     code = main([str(scenes / "tp3.json"), *files, *options.split()])
     assert code == 0
     text = document.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
     assert "Cycles: left out on request" in text and "| `area sobol` | 1.00 | 1.00 |" in text
-    with (tmp_path / "out/frames.csv").open() as stream:
+    with (tmp_path / "bench/frames.csv").open() as stream:
         written = list(csv.DictReader(stream))
     assert {row["experiment"] for row in written} >= {"samples", "size", "process"}
     assert all(float(row["seconds"]) > 0 for row in written)
-    result = json.loads((tmp_path / "out/bench.json").read_text())
+    result = json.loads((tmp_path / "bench/bench.json").read_text())
     assert result["rounds"] == 1 and result["machine"]["processor"]
     reached = {row["what"]: row["met"] for row in result["targets"]}
     assert reached["render time, Cycles / area sobol, N = 16"] is None
+    section = speed(tmp_path)["speed"]
+    assert section and "<code>make bench</code>" in section["about"]
+    compared = section["tables"][1]
+    assert compared["title"].endswith("a multiple of <code>area sobol</code>")
+    assert ["<code>area sobol</code>", "1.00", "1.00"] in compared["rows"]
+
+
+def test_report_does_without_a_benchmark_and_refuses_a_broken_one(tmp_path: Path) -> None:
+    assert speed(tmp_path) == {"speed": None}
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "bench/bench.json").write_text('{"targets": []}')
+    with pytest.raises(ReportError, match=r"bench\.json.*make bench"):
+        speed(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -100,12 +100,12 @@ static void be_silent(exr_const_context_t exr, exr_result_t code, const char *me
 
 bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size)
 {
-    char *part = malloc(strlen(file) + sizeof ".part");
+    char *part = malloc(strlen(file) + sizeof EXR_UNFINISHED);
     if (!part) {
         snprintf(message, message_size, "%s: out of memory", file);
         return false;
     }
-    strcat(strcpy(part, file), ".part");
+    strcat(strcpy(part, file), EXR_UNFINISHED);
 
     exr_context_t exr;
     exr_context_initializer_t options = EXR_DEFAULT_CONTEXT_INITIALIZER;

@@ -19,6 +19,9 @@ typedef struct {
     const float *variance;    /* likewise, or NULL */
 } ExrImage;
 
+/* Follows the file's name until it is whole. */
+#define EXR_UNFINISHED ".part"
+
 /* Writes 32-bit float scanlines: R, G, B and, unless variance is NULL, variance.R .G .B, with
  * scene, settings, sampler, time and version as header attributes. The file appears under its
  * name only when it is whole. False: nothing was left behind, and message says why. */

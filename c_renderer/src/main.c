@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <getopt.h>
 #include <inttypes.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -46,7 +47,7 @@ static const char HELP[] =
     "  --print-scene          print the scene in SI units as JSON and stop\n"
     "  --version, --help\n"
     "\n"
-    "Exit status: 0 done, 2 usage, bad input or unwritable output.\n"
+    "Exit status: 0 done, 2 usage, bad input or unwritable output, 128 + n ended by signal n.\n"
     "Example: penumbra-render scenes/tp3.json -o tp3.exr --light-samples 256\n";
 
 typedef struct {
@@ -62,6 +63,38 @@ static void fail(const char *format, const char *first, const char *second)
     fprintf(stderr, format, first, second);
     fputs("\n", stderr);
     exit(EXIT_BAD_INPUT);
+}
+
+/* What was printed may meet a full disk or a closed descriptor only now. */
+static void flush_output(void)
+{
+    if (fflush(stdout) != 0 || ferror(stdout))
+        fail("%s%s", "standard output: ", strerror(errno));
+}
+
+/* exr_write's unfinished file, while there is one. */
+static char *unfinished;
+
+static void remove_unfinished(int number)
+{
+    unlink(unfinished);
+    signal(number, SIG_DFL);
+    raise(number);
+}
+
+/* Ctrl-C and `kill` end the program as ever, but leave no unfinished file. A file over the size
+ * limit becomes an error of writing. */
+static void guard_output(const char *output)
+{
+    unfinished = malloc(strlen(output) + sizeof EXR_UNFINISHED);
+    if (!unfinished)
+        fail("%s%s", "out of memory", "");
+    strcat(strcpy(unfinished, output), EXR_UNFINISHED);
+    const int numbers[2] = {SIGINT, SIGTERM};
+    for (int i = 0; i < 2; i++)
+        if (signal(numbers[i], remove_unfinished) == SIG_IGN)
+            signal(numbers[i], SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN);
 }
 
 static uint64_t parse_number(const char *option, const char *text, uint64_t low, uint64_t high)
@@ -177,9 +210,11 @@ static Options parse_options(int argc, char **argv)
             break;
         case VERSION:
             puts("penumbra-render " PENUMBRA_VERSION " " REAL_NAME);
+            flush_output();
             exit(0);
         case HELP_OPTION:
             fputs(HELP, stdout);
+            flush_output();
             exit(0);
         default: /* getopt has said what is wrong */
             fputs("Try: penumbra-render --help\n", stderr);
@@ -239,11 +274,10 @@ int main(int argc, char **argv)
                     sizeof message))
         fail("%s%s", message, "");
     if (options.print_scene) {
-        bool printed = fputs(dump, stdout) >= 0 && fflush(stdout) == 0;
+        fputs(dump, stdout);
         free(dump);
         scene_free(&scene);
-        if (!printed)
-            fail("%s%s", "standard output: ", strerror(errno));
+        flush_output();
         return 0;
     }
     if (!settings->width)
@@ -280,6 +314,7 @@ int main(int argc, char **argv)
                       .variance = variance};
     image.untrusted_pixels = trust_untrusted_pixels(
         &scene, settings, targeted ? ADAPTIVE_PILOT : settings->nb_light_samples);
+    guard_output(options.output);
     bool written = exr_write(options.output, &image, message, sizeof message);
     if (written && targeted)
         report_spent(settings, options.target_error, &spent);
@@ -290,5 +325,6 @@ int main(int argc, char **argv)
     scene_free(&scene);
     if (!written)
         fail("%s%s", message, "");
+    flush_output();
     return 0;
 }

@@ -56,7 +56,7 @@ static void keep_nearer(const real distance[LANES], int object, Nearest *nearest
         nearest->object[i] == object ? distance[i] : nearest->distance[i];
 }
 
-/* sphere_hit, for each lane. All rays have one origin, inside or outside. */
+/* sphere_hit, for each lane. All rays have one origin, outside or not. */
 static void hit_sphere(const Sphere *sphere, int object, const RayPacket *restrict rays,
                        Nearest *nearest)
 {
@@ -80,7 +80,7 @@ static void hit_sphere(const Sphere *sphere, int object, const RayPacket *restri
         any |= meets[i];
     if (!any)
         return;
-    if (outside < 0) {
+    if (outside <= 0) {
         SIMD for (int i = 0; i < LANES; i++)
         {
             real half_chord = sqrt(discriminant[i] * rays->inverse_square[i]);

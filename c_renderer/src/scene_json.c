@@ -130,6 +130,25 @@ static void refuse_at_line(Reader *reader, int line, const char *key, const char
              line > 0 ? "" : " ", place, key, *key ? ": " : "", reason);
 }
 
+/* What a file says, fit for one line on a terminal: no control characters (the second kind is
+ * U+0080 to U+009F), and no half character where UTF-8 text was cut. */
+static void make_printable(char *text)
+{
+    size_t length = strlen(text), last = length;
+    while (last > 0 && ((unsigned char)text[last - 1] & 0xC0) == 0x80)
+        last--;
+    unsigned char lead = last > 0 ? (unsigned char)text[last - 1] : 0;
+    size_t wanted = lead >= 0xF0 ? 4 : lead >= 0xE0 ? 3 : lead >= 0xC0 ? 2 : 1;
+    if (length - last + 1 < wanted)
+        text[last - 1] = '\0';
+    for (unsigned char *c = (unsigned char *)text; *c; c++) {
+        if (c[0] == 0xC2 && c[1] < 0xA0)
+            c[0] = c[1] = '?';
+        if (*c < ' ' || *c == 127)
+            *c = '?';
+    }
+}
+
 /* Refuses what stands at the reader's path. */
 static void refuse(Reader *reader, const char *format, ...)
 {
@@ -143,6 +162,7 @@ static void refuse(Reader *reader, const char *format, ...)
                                              step.key)
                                   : snprintf(key + used, sizeof key - used, "[%zu]", step.index));
     }
+    make_printable(key);
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(reason, sizeof reason, format, arguments);
@@ -655,8 +675,10 @@ bool scene_read(const char *file, Scene *scene, char **dump, char *message, size
         json_error_t error;
         root = json_loadb(reader.text, reader.length,
                           JSON_REJECT_DUPLICATES | JSON_DECODE_INT_AS_REAL, &error);
-        if (!root)
+        if (!root) {
+            make_printable(error.text);
             refuse_at_line(&reader, error.line > 0 ? error.line : 1, "", error.text);
+        }
     }
     if (!reader.refused)
         read_scene(&reader, root, scene);

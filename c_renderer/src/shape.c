@@ -13,7 +13,9 @@ real sphere_hit(const Sphere *sphere, Ray ray)
         return 0;
     real half_chord = sqrt(discriminant);
     real outside = vec3_dot(to_origin, to_origin) - sphere->radius * sphere->radius;
-    if (outside < 0) /* the origin is inside: the far wall */
+    /* From inside, or from the surface itself (as next to where another surface touches the
+     * sphere, as far as rounding can tell): the far wall. */
+    if (outside <= 0)
         return along > 0 ? -outside / (half_chord + along) : half_chord - along;
     return along < 0 ? outside / (half_chord - along) : 0;
 }
