@@ -8,7 +8,7 @@ import jinja2
 from markupsafe import Markup
 
 from compare.provenance import VERSION, write_whole
-from report import figures, pictures, results, self_shadow, speed, trade
+from report import figures, pictures, results, self_shadow, speed, stability, trade
 from report.inputs import PIXEL_SAMPLES, Data, ReportError, read_inputs
 
 TEMPLATES = Path(__file__).resolve().parent / "template"
@@ -26,11 +26,13 @@ CONTENTS = (
     ("trade", "What does a millisecond buy?"),
     ("speed", "How fast is that?"),
     ("self_shadow", "Where should a shadow ray start?"),
+    ("stability", "Where do floats break?"),
     ("remake", "What was rendered, and how to remake it"),
     ("glossary", "Glossary"),
 )
 
-OPTIONAL = ("trade", "speed", "self_shadow")
+STYLES = ("page", "trade", "stability")
+OPTIONAL = ("trade", "speed", "self_shadow", "stability")
 """Left out where they were not measured"""
 
 
@@ -69,6 +71,7 @@ def page(data: Data, build_dir: Path) -> str:
             **trade.trade(data, build_dir),
             **speed.speed(build_dir),
             **self_shadow.self_shadow(build_dir),
+            **stability.stability(build_dir),
         }
         sections["glance"] = results.glance(data)
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -85,7 +88,8 @@ def page(data: Data, build_dir: Path) -> str:
         summary=results.summary(data),
         scene=data.scenes["tp3"],
         light=figures.light_drawing(data.scenes["tp3"].quad_lights[0]),
-        css=Markup("".join((TEMPLATES / f"{name}.css").read_text() for name in ("page", "trade"))),
+        css=Markup("".join((TEMPLATES / f"{name}.css").read_text() for name in STYLES)),
         viewer=Markup((TEMPLATES / "viewer.js").read_text()),
         trade_script=Markup((TEMPLATES / "trade.js").read_text()),
+        stability_script=Markup((TEMPLATES / "stability.js").read_text()),
     )

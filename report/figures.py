@@ -247,6 +247,58 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
         return _svg(figure, name, description)
 
 
+@dataclass(frozen=True)
+class Line:
+    """One line of a log_chart."""
+
+    label: str
+    x: Sequence[int]
+    """positions among the chart's ticks"""
+    y: Sequence[float]
+    colour: str
+    marker: str
+    dashes: str
+    hollow: Sequence[bool] = ()
+    """marks drawn as rings"""
+
+
+def log_chart(
+    name: str,
+    description: str,
+    lines: Sequence[Line],
+    x_label: str,
+    ticks: Sequence[str],
+    limits: Sequence[float],
+    size: tuple[float, float] = (3.7, 2.7),
+) -> Markup:
+    """Relative errors on a logarithmic axis over named places, dotted lines at the limits, as
+    inline SVG."""
+    with matplotlib.rc_context(RC):
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.add_subplot()
+        axes.set(yscale="log", xlabel=x_label, ylabel="relative error [1]")
+        low = min(min(line.y) for line in lines)
+        top = max([*limits, *(max(line.y) for line in lines)])
+        axes.set_ylim(low / 4, top * 4)
+        for limit in limits:
+            axes.axhline(limit, color=INK, linewidth=0.8, linestyle=(0, (2, 2)))
+        for line in lines:
+            axes.plot(line.x, line.y, color=line.colour, linestyle=line.dashes, linewidth=1.2,
+                      label=line.label)  # fmt: skip
+            hollow = list(line.hollow) or [False] * len(line.y)
+            for x, y, ring in zip(line.x, line.y, hollow, strict=True):
+                axes.plot(x, y, color=line.colour, marker=line.marker, markersize=3.6,
+                          markerfacecolor=PAPER if ring else line.colour)  # fmt: skip
+        step = max(1, -(-len(ticks) // 6))
+        places = range(0, len(ticks), step)
+        axes.set_xticks(places, [ticks[i] for i in places])
+        axes.yaxis.set_major_locator(LogLocator(10, numticks=7))
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
+        axes.legend(loc="best", handlelength=1.8, borderaxespad=0.2, fontsize=7.5)
+        return _svg(figure, name, description)
+
+
 def rate_colours() -> tuple[Colormap, BoundaryNorm]:
     """White for a rate of 0, then a colour for each of RATE_STEPS, that rate included."""
     colours = colormaps["inferno_r"](np.linspace(0.12, 0.92, len(RATE_STEPS)))
