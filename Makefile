@@ -185,6 +185,14 @@ build/trade/%.json: scenes/%.json $(RENDER) build/lib/libpenumbra.so $(COMPARE)
 .PHONY: trade
 trade: build/trade/tp3.json
 
+## stability : where floats break, in float32 and float64; the next report shows it
+.PHONY: stability
+stability: build/stability/stability.json
+
+build/stability/stability.csv build/stability/stability.json &: $(wildcard c_renderer/src/*.[ch]) \
+    $(COMPARE) | build
+	$(PENUMBRA) stability -o build/stability/stability
+
 ## self-shadow : where shadow rays should start, on a map; the next report shows it
 .PHONY: self-shadow
 self-shadow: build/stability/self_shadow.json
@@ -203,7 +211,8 @@ report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
-    $(wildcard $(addprefix build/,trade/tp3.json bench/bench.json stability/self_shadow.json)) \
+    $(wildcard $(addprefix build/,trade/tp3.json bench/bench.json stability/self_shadow.json \
+        stability/stability.json)) \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
@@ -262,13 +271,12 @@ test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan val
     build/fuzz/bin/scene-reader
 	.venv/bin/pytest -n auto --maxprocesses 8
 
-# Where floats break: every sweep in full, and twenty times the cases of the tests.
-build/stability/stability.json: $(COMPARE) | build
-	$(PENUMBRA) stability -o build/stability/stability
-
+# Where floats break: every sweep in full, and as many times the cases of the tests.
+NUMBERS_TIMES ?= 20
 .PHONY: stress-numbers
 stress-numbers: build/stability/stability.json build
-	PENUMBRA_STRESS=20 .venv/bin/pytest tests/test_stability.py tests/test_terms.py tests/test_precision.py
+	PENUMBRA_STRESS=$(NUMBERS_TIMES) .venv/bin/pytest --timeout=0 \
+	    tests/test_stability.py tests/test_terms.py tests/test_precision.py
 
 ## stress : every check that takes hours; FUZZ_SECONDS=60 and the like make it shorter
 .PHONY: stress

@@ -1,0 +1,168 @@
+"""The report's section on floats: drawn for what was measured, and safe whatever it says."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import pytest
+from markupsafe import Markup
+from playwright.sync_api import Page, sync_playwright
+
+from compare.stability import study
+from report.build import TEMPLATES
+from report.inputs import ReportError
+from report.stability import CAUSES, power, signed_power, stability
+
+HOSTILE = "<script>alert('no')</script>&\"'"
+
+
+@pytest.fixture(scope="module")
+def build_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small study, with a hostile machine and command."""
+    folder = tmp_path_factory.mktemp("build")
+    out = folder / "stability" / "stability"
+    changed = study(out, "small") | {"command": HOSTILE}
+    changed["machine"] |= {"processor": HOSTILE}
+    out.with_suffix(".json").write_text(json.dumps(changed))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def measured(build_dir: Path) -> dict[str, Any]:
+    return dict(json.loads((build_dir / "stability" / "stability.json").read_text()))
+
+
+@pytest.fixture(scope="module")
+def page(build_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The section alone, in headless Chromium; any complaint fails the last test's end."""
+    environment = jinja2.Environment(
+        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
+    )
+    macros = (TEMPLATES / "page.html.j2").read_text().partition("<!doctype")[0]
+    head = '<html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,"><title>t</title>'
+    body = '<style>{{ css }}</style><main>{% include "stability.html.j2" %}</main>'
+    css = "".join((TEMPLATES / f"{n}.css").read_text() for n in ("page", "trade", "stability"))
+    file = tmp_path_factory.mktemp("section") / "index.html"
+    file.write_text(
+        environment.from_string(f"{macros}<!doctype html>{head}{body}").render(
+            stability(build_dir),
+            css=Markup(css),
+            stability_script=Markup((TEMPLATES / "stability.js").read_text()),
+        )
+    )
+    names = ("chromium", "chromium-browser", "google-chrome")
+    program = next((path for path in map(shutil.which, names) if path), None)
+    if program is None:
+        pytest.fail(f"none of {', '.join(names)} is installed: run ./setup.sh")
+    complaints: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox", "--disable-gpu"]
+        )
+        tab = browser.new_page(viewport={"width": 1200, "height": 900})
+        tab.on("console", lambda message: complaints.append(message.text))
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        tab.goto(file.as_uri())
+        yield tab
+        browser.close()
+    assert complaints == []
+
+
+def told(tab: Page) -> dict[str, str]:
+    script = """() => Object.fromEntries([...document.querySelectorAll(
+        '#stability-map [data-part="readout"] dt')].map(
+            (dt) => [dt.textContent, dt.nextElementSibling.textContent]))"""
+    return dict(tab.evaluate(script))
+
+
+def test_map_has_a_cell_for_each_scene_and_arrow_keys_walk_over_it(
+    page: Page, measured: dict[str, Any]
+) -> None:
+    assert page.locator("#stability-map .cell").count() == len(measured["map"])
+    ratios = sorted({cell["ratio"] for cell in measured["map"]})
+    moves = sorted({cell["translation"] for cell in measured["map"]})
+    assert told(page)["side / distance"] == power(ratios[len(ratios) // 2])
+    page.focus('#stability-map [data-part="plot"]')
+    for key in ("ArrowRight", "ArrowUp"):
+        page.keyboard.press(key)
+    x, y = len(ratios) // 2 + 1, 1
+    cell = next(
+        c for c in measured["map"] if (c["ratio"], c["translation"]) == (ratios[x], moves[y])
+    )
+    found = told(page)
+    assert found["side / distance"] == power(cell["ratio"])
+    assert found["translation"] == f"{power(cell['translation'])} m"
+    for precision in ("float32", "float64"):
+        shown = float(found[precision].replace("·10^", "e"))
+        assert shown == pytest.approx(cell[precision], rel=0.06)
+    assert f"float32 {found['float32']}" in page.inner_text('#stability-map [data-part="spoken"]')
+
+
+def test_lines_are_drawn_where_the_error_passes_a_limit(
+    page: Page, measured: dict[str, Any]
+) -> None:
+    """Between two neighbouring cells wherever a different number of limits is passed."""
+    for precision in ("float32", "float64"):
+        page.select_option('#stability-map [data-part="precision"]', precision)
+        passed = {
+            (c["ratio"], c["translation"]): sum(c[precision] > x for x in measured["limits"])
+            for c in measured["map"]
+        }
+        ratios, moves = (sorted({key[i] for key in passed}) for i in (0, 1))
+        lines = sum(
+            passed[r, moves[j]] != passed[r, moves[j + 1]]
+            for r in ratios
+            for j in range(len(moves) - 1)
+        ) + sum(
+            passed[ratios[i], m] != passed[ratios[i + 1], m]
+            for m in moves
+            for i in range(len(ratios) - 1)
+        )
+        assert page.locator("#stability-map .boundary").count() == lines
+        assert (lines > 0) == (precision == "float32")
+    page.select_option('#stability-map [data-part="precision"]', "float32")
+
+
+def test_every_sweep_has_a_chart_an_example_and_a_paragraph_on_its_cause(
+    page: Page, measured: dict[str, Any]
+) -> None:
+    for sweep in measured["sweeps"]:
+        cell = page.locator(f"#sweep-{sweep['name']}")
+        assert cell.locator("svg").count() == 1
+        example = cell.locator("details pre")
+        assert json.loads(str(example.nth(1).text_content())) == sweep["example"]["scene"]
+        for command in sweep["example"]["commands"]:
+            assert command in str(example.first.text_content())
+    for cause in CAUSES:
+        paragraph = page.locator(f"#stability-{cause} + p")
+        assert len(str(paragraph.text_content())) > 100
+
+
+def test_hostile_words_are_shown_and_not_run(page: Page) -> None:
+    assert HOSTILE in page.inner_text("#figure-stability-sums .made")
+
+
+@pytest.mark.parametrize("width", [1200, 390])
+def test_section_fits_the_window(page: Page, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 900})
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_page_does_without_and_refuses_what_is_broken(tmp_path: Path) -> None:
+    assert stability(tmp_path) == {"stability": None}
+    (tmp_path / "stability").mkdir()
+    (tmp_path / "stability" / "stability.json").write_text("{}")
+    with pytest.raises(ReportError, match=r"penumbra stability -o"):
+        stability(tmp_path)
+
+
+def test_powers_are_written_out() -> None:
+    assert signed_power(-1e-7) == "−10⁻⁷"
+    assert signed_power(2e-9) == "2·10⁻⁹"
+    assert [signed_power(v) for v in (0.0, 0.1, 999.0)] == ["0", "0.1", "999"]
