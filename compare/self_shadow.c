@@ -283,6 +283,16 @@ static Answer rounded_answer(const Scene *scene, const Hit *hit, Wide3 target)
 
 /* ---- all of it ---- */
 
+/* Where the ray ended, as (1) and (2) take it: this renderer puts the point back onto its plane. */
+static Hit ray_end(const Scene *scene, Ray ray, Hit hit)
+{
+    if (hit.object >= scene->nb_spheres) {
+        real distance = plane_hit(&scene->planes[hit.object - scene->nb_spheres], ray);
+        hit.point = vec3_along(ray.origin, ray.direction, distance);
+    }
+    return hit;
+}
+
 enum { ANSWERS = 6 }; /* truth, rounding alone, (1), (2), (3), (4) */
 
 static void judge(const Scene *scene, Ray camera_ray, Uniform2 random, signed char *answers)
@@ -302,7 +312,8 @@ static void judge(const Scene *scene, Ray camera_ray, Uniform2 random, signed ch
         return;
 
     const Vec3 target = light_position(light, random);
-    const Vec3 start[3] = {fixed_start(&hit), integer_start(&hit), bounded_start(scene, &hit)};
+    const Hit ended = ray_end(scene, camera_ray, hit);
+    const Vec3 start[3] = {fixed_start(&ended), integer_start(&ended), bounded_start(scene, &hit)};
     answers[0] = (signed char)truth;
     answers[1] = (signed char)rounded_answer(scene, &hit, exactly);
     for (int i = 0; i < 3; i++)

@@ -21,7 +21,7 @@ typedef struct {
 } RenderSettings;
 typedef struct {
     const void *scene; const RenderSettings *settings; double seconds, target_error;
-    const void *spent; const float *radiance; const float *variance;
+    const void *spent; int untrusted_pixels; const float *radiance; const float *variance;
 } ExrImage;
 bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size);
 """)
@@ -37,7 +37,7 @@ def test_every_float_is_read_back(tmp_path: Path) -> None:
     file = tmp_path / "row.exr"
     bits = random.integers(0, 2**32, 3 * WIDTH, dtype=np.uint32)
     values = (bits & np.uint32(0xBFFFFFFF)).view(np.float32)  # below 2, so finite
-    image = ffi.new("ExrImage *", [scene, settings, 0, 0, ffi.NULL, ffi.NULL, ffi.NULL])
+    image = ffi.new("ExrImage *", [scene, settings, 0, 0, ffi.NULL, 0, ffi.NULL, ffi.NULL])
     radiance = ffi.from_buffer("float[]", values)
     image.radiance = radiance
     assert library.exr_write(str(file).encode(), image, message, 200), ffi.string(message)
