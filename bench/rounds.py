@@ -45,7 +45,7 @@ COMPARED = (16, 64, 256)
 they take."""
 FITTED = (4, 16, 64, 256, 1024, 4096)
 """More of them, for error against time; what takes more than FRAME_LIMIT is left out."""
-FRAME_LIMIT = 2.5
+FRAME_LIMIT = 1.0
 """Longest frame of a system that need not be compared at that N [s]."""
 QUICK_LIMIT = 0.5
 """Longest frame for sizes, one thread, and the N of a target [s]."""

@@ -27,6 +27,8 @@ STEADY = {"OMP_PROC_BIND": "true", "OMP_PLACES": "threads"}
 """For every process with OpenMP: threads that move between cores make short frames vary."""
 NOISELESS = "exact"
 """An estimator that draws no samples: any sampler gives the same image."""
+ONE_SAMPLER = {NOISELESS: "independent", "textbook": "independent", "solid-angle": "sobol"}
+"""Estimators measured with one sampler, since the slow ones take the same time with each."""
 
 
 class SystemFailed(RuntimeError):
@@ -111,11 +113,12 @@ class Loop:
         self._expected: dict[tuple[str, str, Frame], float] = {}
 
     def systems(self) -> list[Penumbra]:
-        """Every combination of estimator and sampler that the program offers."""
+        """Every estimator that the program offers, with the samplers that ONE_SAMPLER leaves it."""
         return [
             Penumbra(self, estimator, sampler)
             for estimator in self.estimators
-            for sampler in (self.samplers[:1] if estimator == NOISELESS else self.samplers)
+            for sampler in self.samplers
+            if sampler == ONE_SAMPLER.get(estimator, sampler)
         ]
 
     def shoot(self, estimator: str, sampler: str, frame: Frame, picture: bool) -> Shot:
