@@ -181,11 +181,11 @@ TRADE = $(PENUMBRA) trade $< -o build/trade/$* --keep-images \
 build/trade/%.json: scenes/%.json $(RENDER) build/lib/libpenumbra.so $(COMPARE)
 	$(TRADE) --cycles || { [ $$? -eq 3 ] && $(TRADE); }
 
-## trade : error against time for every method, and which to use; the next report shows it
+## trade : error against time for every method, and which to use
 .PHONY: trade
 trade: build/trade/tp3.json
 
-## stability : where floats break, in float32 and float64; the next report shows it
+## stability : where floats break, in float32 and float64
 .PHONY: stability
 stability: build/stability/stability.json
 
@@ -193,7 +193,7 @@ build/stability/stability.csv build/stability/stability.json &: $(wildcard c_ren
     $(COMPARE) | build
 	$(PENUMBRA) stability -o build/stability/stability
 
-## self-shadow : where shadow rays should start, on a map; the next report shows it
+## self-shadow : where shadow rays should start, on a map
 .PHONY: self-shadow
 self-shadow: build/stability/self_shadow.json
 
@@ -205,14 +205,15 @@ IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statemen
           $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 
+# The benchmark takes longer than all the rest: the page shows it once it has been run.
 ## report : all of the above, measured and explained on one page, build/report/index.html
 .PHONY: report
 report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
-    $(wildcard $(addprefix build/,trade/tp3.json bench/bench.json stability/self_shadow.json \
-        stability/stability.json)) \
+    build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
+    $(wildcard build/bench/bench.json) \
     penumbra.py $(wildcard report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 

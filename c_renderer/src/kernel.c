@@ -14,7 +14,7 @@
 #define FOR_EACH_COMBINATION inline
 #endif
 
-enum { CHUNK = 128 /* samples that are summed in float before they join a double; even */ };
+enum { CHUNK = 256 /* samples that are summed in float before they join a double; even */ };
 
 /* Where the samples lie: the same table for all lanes, shifted digitally, or lane by lane. */
 typedef struct {
