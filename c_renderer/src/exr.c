@@ -1,3 +1,5 @@
+#define _POSIX_C_SOURCE 200809L
+
 #include "exr.h"
 
 #include <errno.h>
@@ -7,6 +9,8 @@
 #include <string.h>
 
 #include <openexr.h>
+
+enum { BUFFER_SIZE = 1 << 20 };
 
 /* Alphabetical, as the format wants them: channel i is plane 2 - i % 3 of its buffer below. */
 static const char *const CHANNELS[6] = {"B", "G", "R", "variance.B", "variance.G", "variance.R"};
@@ -98,6 +102,45 @@ static void be_silent(exr_const_context_t exr, exr_result_t code, const char *me
     (void)message;
 }
 
+/* The file through one large buffer: OpenEXR's own writer asks the system for every row. */
+typedef struct {
+    FILE *file;
+    uint64_t position;
+} Stream;
+
+static int64_t write_bytes(exr_const_context_t exr, void *user, const void *bytes, uint64_t size,
+                           uint64_t offset, exr_stream_error_func_ptr_t report)
+{
+    Stream *stream = user;
+    (void)exr;
+    (void)report;
+    if (offset != stream->position && fseeko(stream->file, (off_t)offset, SEEK_SET) != 0)
+        return -1;
+    size_t written = fwrite(bytes, 1, size, stream->file);
+    stream->position = offset + written;
+    return written == size ? (int64_t)size : -1;
+}
+
+static exr_result_t write_image(const char *file, Stream *stream, const ExrImage *image)
+{
+    exr_context_t exr;
+    exr_context_initializer_t options = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    options.error_handler_fn = be_silent;
+    options.write_fn = write_bytes;
+    options.user_data = stream;
+    exr_result_t result = exr_start_write(&exr, file, EXR_WRITE_FILE_DIRECTLY, &options);
+    if (result)
+        return result;
+    result = write_header(exr, image);
+    int rows = 1;
+    if (!result)
+        result = exr_get_scanlines_per_chunk(exr, 0, &rows);
+    for (int y = 0; y < image->settings->height && !result; y += rows)
+        result = write_rows(exr, y, image);
+    exr_result_t closed = exr_finish(&exr);
+    return result ? result : closed;
+}
+
 bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size)
 {
     char *part = malloc(strlen(file) + sizeof EXR_UNFINISHED);
@@ -107,21 +150,17 @@ bool exr_write(const char *file, const ExrImage *image, char *message, size_t me
     }
     strcat(strcpy(part, file), EXR_UNFINISHED);
 
-    exr_context_t exr;
-    exr_context_initializer_t options = EXR_DEFAULT_CONTEXT_INITIALIZER;
-    options.error_handler_fn = be_silent;
     errno = 0;
-    exr_result_t result = exr_start_write(&exr, part, EXR_WRITE_FILE_DIRECTLY, &options);
-    bool opened = !result;
+    exr_result_t result = EXR_ERR_FILE_ACCESS;
+    Stream stream = {fopen(part, "wb"), 0};
+    const bool opened = stream.file;
+    char *buffer = malloc(BUFFER_SIZE); /* NULL: slower */
     if (opened) {
-        result = write_header(exr, image);
-        int rows = 1;
-        if (!result)
-            result = exr_get_scanlines_per_chunk(exr, 0, &rows);
-        for (int y = 0; y < image->settings->height && !result; y += rows)
-            result = write_rows(exr, y, image);
-        exr_result_t closed = exr_finish(&exr);
-        result = result ? result : closed;
+        if (buffer)
+            setvbuf(stream.file, buffer, _IOFBF, BUFFER_SIZE);
+        result = write_image(part, &stream, image);
+        if (fclose(stream.file) != 0 && !result)
+            result = EXR_ERR_WRITE_IO;
     }
     int reason = errno;
     bool written = !result && rename(part, file) == 0;
@@ -133,6 +172,7 @@ bool exr_write(const char *file, const ExrImage *image, char *message, size_t me
         if (opened)
             remove(part);
     }
+    free(buffer);
     free(part);
     return written;
 }
