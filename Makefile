@@ -272,14 +272,14 @@ test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan val
     build/fuzz/bin/scene-reader
 	.venv/bin/pytest -n auto --maxprocesses 8
 
-# Where floats break: every sweep in full, and as many times the cases of the tests.
 NUMBERS_TIMES ?= 20
+## stress-numbers : every numeric sweep in full, and NUMBERS_TIMES=20 times the cases of the tests
 .PHONY: stress-numbers
 stress-numbers: build/stability/stability.json build
 	PENUMBRA_STRESS=$(NUMBERS_TIMES) .venv/bin/pytest --timeout=0 \
 	    tests/test_stability.py tests/test_terms.py tests/test_precision.py
 
-## stress : every check that takes hours; FUZZ_SECONDS=60 and the like make it shorter
+## stress : every check that takes hours: stress-fuzz and stress-numbers
 .PHONY: stress
 stress: stress-fuzz stress-numbers
 
@@ -289,6 +289,7 @@ FUZZER = build/fuzz/bin/scene-reader -dict=tests/fuzz/scene.dict -max_len=4096 \
     -artifact_prefix=build/fuzz/found/
 
 # ASan need not remember what was freed many files ago, nor fill the reader's megabyte each time.
+## stress-fuzz : fuzz both scene readers for FUZZ_SECONDS=3600 of processor time each
 .PHONY: stress-fuzz
 stress-fuzz: build build/fuzz/bin/scene-reader build/asan/bin/penumbra-render
 	@mkdir -p build/fuzz/corpus build/fuzz/found
@@ -297,7 +298,7 @@ stress-fuzz: build build/fuzz/bin/scene-reader build/asan/bin/penumbra-render
 	FUZZ_SECONDS=$(FUZZ_SECONDS) .venv/bin/pytest -rP --timeout=0 \
 	    tests/test_fuzz_scene.py tests/test_fuzz_image.py tests/test_outputs.py
 
-# Keeps, of what stress-fuzz found, the files that lead to code which none did before.
+## fuzz-corpus : keep the new files of stress-fuzz in tests/fuzz/corpus
 .PHONY: fuzz-corpus
 fuzz-corpus: build/fuzz/bin/scene-reader
 	$(FUZZER) -merge=1 tests/fuzz/corpus build/fuzz/corpus

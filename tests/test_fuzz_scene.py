@@ -95,14 +95,19 @@ def change_tree(draw: st.DrawFn, data: Any) -> None:
         parent = parent[step]
     kind = draw(st.sampled_from(["replace", "replace", "delete", "rename", "add", "repeat"]))
     if kind == "replace":
-        parent[path[-1]] = draw(VALUE)
+        parent[path[-1]] = drawn_value(draw)
     elif kind == "delete":
         del parent[path[-1]]
     elif kind == "repeat" and isinstance(parent, list):
         parent.append(copy.deepcopy(parent[path[-1]]))
     elif isinstance(parent, dict):
         key = draw(st.one_of(STRING, st.sampled_from(["name", "power", "u", "radius"])))
-        parent[key] = parent.pop(path[-1]) if kind == "rename" else draw(VALUE)
+        parent[key] = parent.pop(path[-1]) if kind == "rename" else drawn_value(draw)
+
+
+def drawn_value(draw: st.DrawFn) -> Any:
+    """Of our own: the next change may go into it, and sampled_from gives everyone the same."""
+    return copy.deepcopy(draw(VALUE))
 
 
 def change_text(draw: st.DrawFn, content: str) -> str:

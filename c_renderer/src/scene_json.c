@@ -101,6 +101,14 @@ static const char *find_step(const char *container, Step step)
     return NULL;
 }
 
+static int line_of(const Reader *reader, const char *p)
+{
+    int line = 1;
+    for (const char *c = reader->text; c < p; c++)
+        line += *c == '\n';
+    return line;
+}
+
 static int line_of_path(const Reader *reader)
 {
     const char *p = skip_space(reader->text);
@@ -110,10 +118,7 @@ static int line_of_path(const Reader *reader)
             break;
         p = next;
     }
-    int line = 1;
-    for (const char *c = reader->text; c < p; c++)
-        line += *c == '\n';
-    return line;
+    return line_of(reader, p);
 }
 
 /* ---- refusing ---- */
@@ -642,6 +647,10 @@ static void read_text(Reader *reader)
     }
     if (stream)
         fclose(stream);
+    /* Jansson skips a NUL byte after a number, where strings of C end. */
+    const char *nul = reader->refused ? NULL : memchr(reader->text, '\0', reader->length);
+    if (nul)
+        refuse_at_line(reader, line_of(reader, nul), "", "NUL byte: not JSON text");
 }
 
 static void fnv1a(const char *text, char hexadecimal[17])
