@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import threading
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -165,10 +166,20 @@ def _read_exr(path: Path) -> Image:
     return Image(stack(""), variance, attributes)
 
 
+_SILENCE = threading.Lock()
+
+
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
     """OpenEXR prints its troubles itself, through Python and past it, some to standard output: not
-    meanwhile."""
+    meanwhile. One thread at a time, or the second takes the first one's silence for the output to
+    go back to."""
+    with _SILENCE, _no_output():
+        yield
+
+
+@contextlib.contextmanager
+def _no_output() -> Iterator[None]:
     null = os.open(os.devnull, os.O_WRONLY)
     kept = {}
     try:

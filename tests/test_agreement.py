@@ -184,14 +184,14 @@ def test_power_of_the_unbiasedness_test_at_half_a_percent_is_99_percent(
 def test_power_at_half_a_percent_is_99_percent_in_the_penumbra_too(
     renderer: Path, tmp_path: Path, make_scene: Callable[..., Path]
 ) -> None:
-    """Cost: 1659 pixels x 384 = 637,056 shadow rays in the penumbra, where one scatters by 0.65
-    of the mean: a standard error of 0.081%, so 0.5% is 6.2 of them and is missed once in 6,000
+    """Cost: 1659 pixels x 512 = 849,408 shadow rays in the penumbra, where one scatters by 0.72
+    of the mean: a standard error of 0.079%, so 0.5% is 6.4 of them and is missed once in 13,000
     images. The renderer is given a light of 0.5% more power than the exact solution; found in
     459 of 459 images, the power is above 99% at 99% confidence (0.99^459 = 0.0099)."""
     fair = read_scene(penumbra_scene(make_scene))
     quad = json.loads(penumbra_scene(make_scene).read_text())["quad_lights"][0]
     strong = penumbra_scene(make_scene, quad_lights=[quad | {"power": quad["power"] * 1.005}])
-    images = renders(renderer, tmp_path, strong, 384, range(459))
+    images = renders(renderer, tmp_path, strong, 512, range(459))
     exact = exact_image(fair, WIDTH, HEIGHT)
     p_values = unbiasedness_p_values(images, fair, exact, ("penumbra",))
     assert (p_values["penumbra"] < 0.01).all()

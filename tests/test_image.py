@@ -7,6 +7,7 @@ import os
 import struct
 import zlib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -264,3 +265,15 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_half_one(
     with pytest.raises(ImageError, match=r"a\.(png|exr): cannot be written"):
         write(tmp_path / "a.png", picture().radiance)
     assert sorted(f.name for f in tmp_path.iterdir()) == ["a.exr", "a.png", "file"]
+
+
+def test_threads_that_read_do_not_take_the_output_away(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """OpenEXR is silenced by pointing descriptors 1 and 2 elsewhere for a while."""
+    write_exr(tmp_path / "a.exr", picture())
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(read_image, [tmp_path / "a.exr"] * 200))
+    os.write(1, b"still here")
+    os.write(2, b"and here")
+    assert capfd.readouterr() == ("still here", "and here")
