@@ -136,21 +136,17 @@ static void refuse_at_line(Reader *reader, int line, const char *key, const char
 }
 
 /* What a file says, fit for one line on a terminal: no control characters (the second kind is
- * U+0080 to U+009F), and no half character where UTF-8 text was cut. */
+ * U+0080 to U+009F), and no half characters where UTF-8 text was cut. */
 static void make_printable(char *text)
 {
-    size_t length = strlen(text), last = length;
-    while (last > 0 && ((unsigned char)text[last - 1] & 0xC0) == 0x80)
-        last--;
-    unsigned char lead = last > 0 ? (unsigned char)text[last - 1] : 0;
-    size_t wanted = lead >= 0xF0 ? 4 : lead >= 0xE0 ? 3 : lead >= 0xC0 ? 2 : 1;
-    if (length - last + 1 < wanted)
-        text[last - 1] = '\0';
-    for (unsigned char *c = (unsigned char *)text; *c; c++) {
-        if (c[0] == 0xC2 && c[1] < 0xA0)
-            c[0] = c[1] = '?';
-        if (*c < ' ' || *c == 127)
-            *c = '?';
+    for (unsigned char *c = (unsigned char *)text; *c;) {
+        size_t wanted = *c < 0x80 ? 1 : *c < 0xC0 ? 0 : *c < 0xE0 ? 2 : *c < 0xF0 ? 3 : 4;
+        size_t found = 1;
+        while (found < wanted && (c[found] & 0xC0) == 0x80)
+            found++;
+        if (found != wanted || *c < ' ' || *c == 127 || (c[0] == 0xC2 && c[1] < 0xA0))
+            memset(c, '?', found);
+        c += found;
     }
 }
 

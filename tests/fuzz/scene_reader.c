@@ -161,6 +161,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                "a refusal names the file and a reason");
         for (const char *c = message; *c; c++)
             expect((unsigned char)*c >= ' ' && *c != 127, "a refusal is one printable line");
+        json_t *text = json_string(message);
+        expect(text != NULL, "a refusal is UTF-8");
+        json_decref(text);
     }
     return 0;
 }
