@@ -242,23 +242,20 @@ def _processes(result: Result) -> Table:
 
 
 def _peak(result: Result) -> Table:
-    def percent(value: float | None) -> str:
-        return "–" if value is None else f"{value:.0%}"
-
     rows = [
         [
             str(p["threads"]),
             number(2e-9 * p["fma_per_second"]),
             number(1e-9 * p["divisions_per_second"]),
-            number(None if p["samples_per_second"] is None else 1e-9 * p["samples_per_second"]),
-            percent(p["fma_share"]),
-            percent(p["division_share"]),
+            f"{p['light_samples']:,}",
+            number(1e-9 * p["samples_per_second"]),
+            f"{p['fma_share']:.0%}",
+            f"{p['division_share']:.0%}",
         ]
         for p in result["peak"]
     ]
-    count = result["peak"][0]["light_samples"] if result["peak"] else 0
     head = [
-        "threads", "FMA peak [GFLOP/s]", "division peak [G/s]",
-        f"samples of `{FAST}`, N = {count} [G/s]", "share of FMA peak", "share of division peak",
+        "threads", "FMA peak [GFLOP/s]", "division peak [G/s]", "N",
+        f"samples of `{FAST}` [G/s]", "share of FMA peak", "share of division peak",
     ]  # fmt: skip
     return Table("Peak", head, rows)

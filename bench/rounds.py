@@ -250,7 +250,7 @@ def _tasks(
         seconds = _warm_up(plan, system)
         for count in seconds:
             frame = Frame(plan.width, plan.height, count, plan.threads)
-            times = SHORT_TIMES if seconds[count] < SHORT_FRAME else 1
+            times = _times(seconds[count])
             tasks += times * [bench.shoot("samples", system, frame, picture=True)]
             quick = seconds[count] * plan.threads < QUICK_LIMIT
             if quick and system.flexible and count in plan.compared and plan.threads > 1:
@@ -264,6 +264,10 @@ def _tasks(
                     frame = Frame(*size, SIZE_SAMPLES, plan.threads)
                     tasks.append(bench.shoot("size", system, frame, False))
     return tasks + list(_process_tasks(plan, bench, systems, stack))
+
+
+def _times(seconds: float) -> int:
+    return SHORT_TIMES if seconds < SHORT_FRAME else 1
 
 
 def _warm_up(plan: Plan, system: System) -> dict[int, float]:
@@ -313,4 +317,5 @@ def _target_tasks(plan: Plan, bench: _Bench, systems: Sequence[System]) -> Itera
             count = law.samples_for(target)
             if count and law.seconds_at(count) < QUICK_LIMIT and system.flexible:
                 frame = Frame(plan.width, plan.height, math.ceil(count), plan.threads)
-                yield bench.shoot(f"target {target:g}", system, frame, picture=True)
+                task = bench.shoot(f"target {target:g}", system, frame, picture=True)
+                yield from [task] * _times(law.seconds_at(count))

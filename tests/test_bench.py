@@ -242,12 +242,13 @@ def test_shares_are_counted_operations_over_peak_and_time(scenes: Path) -> None:
     fma, divisions = results.operations(scene, truth.exact)
     assert fma > 21 * divisions > 0  # some penumbra
     peaks = [{"round": 1, "threads": 2, "fma_per_second": 1e9, "divisions_per_second": 1e8}]
-    seconds = 2 * 256 * fma / 1e9
-    frames = rows(results.FAST, lambda n: seconds / 2, lambda n: 0.1)
+    frames = rows(results.FAST, lambda n: n * fma / 1e9, lambda n: 0.1, (256, 4096))
     measured = Measured(frames, peaks, {}, {}, truth)
-    (share,) = results.shares(measured, Plan(Path(), WIDTH, HEIGHT), scene)
-    assert share["fma_share"] == pytest.approx(0.5)
-    assert share["division_share"] == pytest.approx(5 * divisions / fma)
+    found = results.shares(measured, Plan(Path(), WIDTH, HEIGHT), scene)
+    assert [share["light_samples"] for share in found] == [256, 4096]
+    for share in found:
+        assert share["fma_share"] == pytest.approx(0.5)
+        assert share["division_share"] == pytest.approx(5 * divisions / fma)
 
 
 # ---------------------------------------------------------------- the whole
