@@ -8,6 +8,8 @@
 # One step at a time, even under -j: each uses every core, and some measure time.
 .NOTPARALLEL:
 MAKEFLAGS += --no-builtin-rules
+# Without bytecode every command spends seconds on compiling what it imports.
+unexport PYTHONDONTWRITEBYTECODE
 
 ## help : list the targets
 .PHONY: help

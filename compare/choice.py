@@ -308,11 +308,13 @@ def percent(value: float) -> str:
 
 def duration(seconds: float) -> str:
     """
-    >>> duration(0.0019), duration(0.000213), duration(5.81), duration(113.4), duration(9000)
-    ('1.9 ms', '0.21 ms', '5.8 s', '110 s', '2.5 h')
+    >>> duration(0.0019), duration(0.000213), duration(113.4), duration(1044), duration(9000)
+    ('1.9 ms', '0.21 ms', '110 s', '17 min', '2.5 h')
     """
     if seconds < 1:
         return f"{float(f'{1000 * seconds:.2g}'):g} ms"
     if seconds < 1000:
         return f"{float(f'{seconds:.2g}'):g} s"
+    if seconds < 6000:
+        return f"{seconds / 60:.0f} min"
     return f"{float(f'{seconds / 3600:.2g}'):g} h"

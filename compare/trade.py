@@ -27,7 +27,7 @@ from compare.slope import fit_slope, rmse_interval
 
 LIGHT_SAMPLES = tuple(2**i for i in range(15))
 """1 to 16384, as far as MAX_SECONDS lets each method go"""
-CYCLES_LIGHT_SAMPLES = (1, 4, 16, 64)
+CYCLES_LIGHT_SAMPLES = (1, 4, 16, 32)
 CYCLES_SEEDS = 3
 SEEDS = 6
 """Frames of each setting. The fastest and the slowest of six hold the median with 97%
@@ -122,7 +122,7 @@ def trade(study: Study) -> dict[str, Any]:
         study.cycles.fingerprint()  # says at once if Blender is missing
     threads = tuple(sorted(set(study.threads) or {1, provenance.cores()}))
     bench = _Bench(study, study.scene_file)
-    frames = _frames(bench, _grid(bench, threads))
+    frames = _frames(bench, _grid(bench, threads, study.max_seconds, FEWEST))
     if study.cycles is not None:
         frames += _cycles_frames(bench, study.cycles)
     rows = summary(bench, frames)
@@ -222,14 +222,13 @@ class Frame:
     mse: dict[str, float] = field(repr=False)
 
 
-def _grid(bench: _Bench, threads: Sequence[int], most: float | None = None) -> list[list[Setting]]:
+def _grid(bench: _Bench, threads: Sequence[int], most: float, fewest: int) -> list[list[Setting]]:
     """For each image its settings, which differ in threads alone, the most threads first.
 
-    Each method's N grow, from FEWEST on until a frame on the most threads takes longer than
-    `most` seconds.
+    Each method's N grow, from the `fewest` first ones on until a frame on the most threads takes
+    longer than `most` seconds.
     """
-    most = most or bench.study.max_seconds
-    renderer, fewest = bench.renderer, sorted(bench.study.light_samples)[:FEWEST]
+    renderer, always = bench.renderer, sorted(bench.study.light_samples)[:fewest]
     images: list[Setting] = []
     for estimator in filter(renderer.can, renderer.estimators):
         if not renderer.uses_samples(estimator):
@@ -239,7 +238,7 @@ def _grid(bench: _Bench, threads: Sequence[int], most: float | None = None) -> l
             for n in bench.study.light_samples:
                 setting = Setting(sampler, estimator, n, threads[-1])
                 tries = (renderer.render(setting, 0) for _ in range(TRIES))
-                if n not in fewest and not any(seconds <= most for seconds in tries):
+                if n not in always and not any(seconds <= most for seconds in tries):
                     break
                 images.append(setting)
     return [[replace(s, threads=t) for t in reversed(threads)] for s in images]
@@ -426,7 +425,7 @@ def _trials(
     """Every answer whose region this scene has, against everything measured here."""
     bench = _Bench(study, scene_file)
     answers = [a for a in answers if a["region"] in bench.masks]
-    grid = _grid(bench, (threads,), study.max_seconds / 2)
+    grid = _grid(bench, (threads,), study.max_seconds / 2, fewest=1)
     chosen = {_setting(a["choice"]) for a in answers if a["choice"]}
     known = {setting for settings in grid for setting in settings}
     more = (s for s in chosen - known if bench.renderer.can(s.estimator))

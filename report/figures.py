@@ -295,7 +295,8 @@ def log_chart(
         axes.yaxis.set_major_locator(LogLocator(10, numticks=7))
         axes.yaxis.set_minor_locator(NullLocator())
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
-        axes.legend(loc="best", handlelength=1.8, borderaxespad=0.2, fontsize=7.5)
+        axes.legend(loc="best", handlelength=1.8, borderaxespad=0.2, fontsize=7.5, frameon=True,
+                    facecolor=PAPER, edgecolor="none")  # fmt: skip
         return _svg(figure, name, description)
 
 

@@ -256,7 +256,7 @@ def _strips(data: Data, measured: dict[str, Any], folder: Path) -> list[dict[str
     strips = []
     for name, entries in shown:
         cells = [_cell(entry, folder, window) for entry in entries]
-        cells.append(_picture(truth.radiance, window, "exact", "no noise"))
+        cells.append(_picture(truth.radiance, window, "the exact solution", "no noise"))
         strips.append({"name": name, "cells": cells})
     return strips
 

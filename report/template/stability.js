@@ -14,10 +14,11 @@
   const at = (x, y) =>
     cells.find((c) => c.ratio === ratios[x] && c.translation === moves[y]);
 
-  const SUPERSCRIPT = { "-": "⁻", 0: "⁰", 1: "¹", 2: "²", 3: "³", 4: "⁴", 5: "⁵", 6: "⁶", 7: "⁷", 8: "⁸", 9: "⁹" };
+  const superscript = (n) => [...String(n)].map((c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻").join("");
   const power = (value) => value === 0 ? "0" : value === 1 ? "1"
-    : "10" + [...String(Math.round(Math.log10(value)))].map((c) => SUPERSCRIPT[c]).join("");
-  const errorText = (value) => value === 0 ? "0" : value.toExponential(1).replace("e", "·10^");
+    : "10" + superscript(Math.round(Math.log10(value)));
+  const errorText = (value) => value === 0 ? "0"
+    : value.toExponential(1).replace(/e\+?(.*)/, (_, n) => " × 10" + superscript(n));
 
   function element(name, attributes, text) {
     const made = document.createElementNS("http://www.w3.org/2000/svg", name);

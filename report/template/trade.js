@@ -7,7 +7,7 @@
   const data = JSON.parse(document.getElementById("trade-data").textContent);
   const $ = (name) => root.querySelector(`[data-part="${name}"]`);
   const plot = $("plot");
-  const WIDTH = 660, HEIGHT = 460, LEFT = 58, RIGHT = 14, TOP = 12, BOTTOM = 44;
+  const WIDTH = 660, HEIGHT = 460, LEFT = 72, RIGHT = 14, TOP = 12, BOTTOM = 44;
   const NEAR = 30;  // [px of the drawing] a pointer farther from every mark chooses none
 
   const state = {
@@ -52,8 +52,9 @@
   const timeText = (power) =>
     power >= 0 ? `${10 ** power} s` : power >= -3 ? `${10 ** (power + 3)} ms`
                                                   : `${10 ** (power + 6)} µs`;
+  const superscript = (n) => [...String(n)].map((c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻").join("");
   const errorText = (power) =>
-    power >= -6 ? `${+(10 ** (power + 2)).toPrecision(1)}%` : `10^${power + 2}%`;
+    power >= -5 ? `${+(10 ** (power + 2)).toPrecision(1)}%` : `10${superscript(power + 2)}%`;
 
   // ---- drawing ---------------------------------------------------------------------------
 
