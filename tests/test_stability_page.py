@@ -17,6 +17,7 @@ from compare.stability import study
 from report.build import TEMPLATES
 from report.inputs import ReportError
 from report.stability import CAUSES, power, signed_power, stability
+from report.words import digits
 
 HOSTILE = "<script>alert('no')</script>&\"'"
 
@@ -99,8 +100,7 @@ def test_map_has_a_cell_for_each_scene_and_arrow_keys_walk_over_it(
     assert found["side / distance"] == power(cell["ratio"])
     assert found["translation"] == f"{power(cell['translation'])} m"
     for precision in ("float32", "float64"):
-        shown = float(found[precision].replace("·10^", "e"))
-        assert shown == pytest.approx(cell[precision], rel=0.06)
+        assert found[precision] == digits(cell[precision], 2)
     assert f"float32 {found['float32']}" in page.inner_text('#stability-map [data-part="spoken"]')
 
 
