@@ -671,9 +671,9 @@ def _add_trade(add: Any) -> None:
         "--cycles",
         nargs="?",
         type=sample_counts,
-        const=sample_counts("1,4,16,64"),
+        const=sample_counts("1,4,8,16"),
         metavar="N",
-        help="Cycles too, with these numbers of samples [1,4,16,64]",
+        help="Cycles too, with these numbers of samples [1,4,8,16]",
     )
     sub.add_argument(
         "--targets",
@@ -692,9 +692,9 @@ def _add_trade(add: Any) -> None:
     sub.add_argument(
         "--max-seconds",
         type=seconds,
-        default=0.1,
+        default=0.02,
         metavar="S",
-        help="leave out N of which an image takes longer [0.1]",
+        help="leave out N of which an image takes longer [0.02]",
     )
     sub.add_argument(
         "--threads",

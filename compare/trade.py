@@ -27,15 +27,15 @@ from compare.slope import fit_slope, rmse_interval
 
 LIGHT_SAMPLES = tuple(2**i for i in range(15))
 """1 to 16384, as far as MAX_SECONDS lets each method go"""
-CYCLES_LIGHT_SAMPLES = (1, 4, 16, 32)
+CYCLES_LIGHT_SAMPLES = (1, 4, 8, 16)
 CYCLES_SEEDS = 3
 SEEDS = 6
 """Frames of each setting. The fastest and the slowest of six hold the median with 97%
 confidence, those of five with 94%."""
 TARGETS = (0.03, 0.01, 0.003, 0.001)
 """Relative RMSE."""
-MAX_SECONDS = 0.03
-"""A method's N grow until a frame takes longer. With the rest it makes tp3 take about a
+MAX_SECONDS = 0.02
+"""A method's N grow until a frame takes longer. With the rest it makes tp3 take about half a
 minute on two cores."""
 FEWEST = 3
 """N of every method that are measured however long they take: a curve to extrapolate from."""

@@ -627,3 +627,11 @@ def test_a_trade_of_another_scene_is_refused(build_dir: Path, scenes: Path, tmp_
     file.write_text(json.dumps(json.loads(file.read_text()) | {"scene_hash": "0"}))
     with pytest.raises(ReportError, match=r"shows another scene.*penumbra trade"):
         _section(tmp_path, scenes)
+
+
+def test_the_commands_defaults_are_the_studys() -> None:
+    """They stand in its help too, where nothing is imported that is slow."""
+    options = penumbra._parser().parse_args(["trade", "scene.json", "--cycles"])
+    for name in ("light_samples", "seeds", "targets", "max_seconds", "threads"):
+        assert getattr(options, name) == getattr(Study, name), name
+    assert options.cycles == Study.cycles_light_samples
