@@ -113,7 +113,8 @@ def _on_surface(thing: Sphere | Plane, point: np.ndarray) -> tuple[np.ndarray, n
     """The points moved onto the surface that rounding took them off, and its normals there."""
     if isinstance(thing, Sphere):
         normal = point - np.asarray(thing.center)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        # zero, and so dark, where rounding took the point to the centre
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
         return np.asarray(thing.center) + thing.radius * normal, normal
     normal = np.asarray(thing.normal)
     off = (point - np.asarray(thing.point)) @ normal

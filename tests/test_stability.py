@@ -11,7 +11,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from compare import yardstick
@@ -196,6 +196,26 @@ def any_scene(draw: st.DrawFn) -> dict[str, Any]:
     } | named  # fmt: skip
 
 
+BALL = {"radius": 1, "color": [0.5, 0.5, 0.5]}
+QUAD = {"position": [0, 0, 0], "u": [0, 0, 1], "v": [0, 1, 0], "color": [1, 1, 1], "power": 1}
+FROM_FAR_AWAY = {
+    # 1e9 m away the hit point of the middle pixel is rounded to the ball's centre: no normal
+    "name": "from_far_away",
+    "image": {"width": 5, "height": 1},
+    "camera": {"position": [1, 1e9, 1], "look_at": [0, 0, 0], "up": [0, 0, 1], "fov_y_deg": 0.001},
+    "background": [0, 0, 0],
+    "ray_max_distance": 1e9,
+    "spheres": [
+        BALL | {"name": "around_the_camera", "center": [1, 1e9, 1]},
+        BALL | {"name": "far", "center": [0, 0, 0]},
+    ],
+    "planes": [],
+    "point_lights": [],
+    "quad_lights": [QUAD | {"name": "light"}],
+}
+
+
+@example(scene=FROM_FAR_AWAY)
 @settings(
     max_examples=250 * STRESS,
     deadline=None,

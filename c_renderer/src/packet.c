@@ -120,7 +120,7 @@ static void shade_sphere(const Sphere *sphere, int object, HitPacket *hits)
         int here = hits->object[i] == object;
         real nx = hits->point.x[i] - s.center.x, ny = hits->point.y[i] - s.center.y,
              nz = hits->point.z[i] - s.center.z;
-        real scale = 1 / sqrt(nx * nx + ny * ny + nz * nz);
+        real scale = 1 / sqrt(nx * nx + ny * ny + nz * nz + FLT_MIN); /* vec3_normalize */
         hits->normal.x[i] = here ? nx * scale : hits->normal.x[i];
         hits->normal.y[i] = here ? ny * scale : hits->normal.y[i];
         hits->normal.z[i] = here ? nz * scale : hits->normal.z[i];

@@ -26,6 +26,7 @@ Hit scene_hit(const Scene *scene, Ray ray)
     hit.point = vec3_along(ray.origin, ray.direction, nearest);
     if (hit.object < scene->nb_spheres) {
         const Sphere *sphere = &scene->spheres[hit.object];
+        /* zero, and so dark, where the point was rounded to the centre, from very far away */
         hit.normal = vec3_normalize(vec3_sub(hit.point, sphere->center));
         hit.brdf = sphere->brdf;
     } else {

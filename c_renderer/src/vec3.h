@@ -51,9 +51,11 @@ static inline real vec3_dot(Vec3 a, Vec3 b)
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
+/* The zero vector stays zero: beside the square of a scene's lengths, 1e-9 m and more, FLT_MIN is
+ * lost. */
 static inline Vec3 vec3_normalize(Vec3 a)
 {
-    return vec3_scale(a, 1 / sqrt(vec3_dot(a, a)));
+    return vec3_scale(a, 1 / sqrt(vec3_dot(a, a) + FLT_MIN));
 }
 
 /* What is too large for a number is the largest one: Inf times 0, a black surface's, would be NaN.
