@@ -285,13 +285,14 @@ stress-numbers: build/stability/stability.json build
 .PHONY: stress
 stress: stress-fuzz stress-numbers
 
-# Of processor time, for each of the two scene readers; images and signals take a sixth.
+# For each of the two scene readers: libFuzzer counts time on the clock, the tests that of the
+# processor, of which those of images and signals take a sixth each.
 FUZZ_SECONDS ?= 3600
 FUZZER = build/fuzz/bin/scene-reader -dict=tests/fuzz/scene.dict -max_len=4096 \
     -artifact_prefix=build/fuzz/found/
 
+## stress-fuzz : fuzz both scene readers for FUZZ_SECONDS=3600 each
 # ASan need not remember what was freed many files ago, nor fill the reader's megabyte each time.
-## stress-fuzz : fuzz both scene readers for FUZZ_SECONDS=3600 of processor time each
 .PHONY: stress-fuzz
 stress-fuzz: build build/fuzz/bin/scene-reader build/asan/bin/penumbra-render
 	@mkdir -p build/fuzz/corpus build/fuzz/found
