@@ -32,7 +32,11 @@ class UsageError(ValueError):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a subcommand; its exit code. Errors meant for the user are one sentence on stderr."""
+    """Run a subcommand; its exit code. Errors meant for the user are one sentence on stderr.
+
+    Without arguments those of the process are meant, which ends afterwards: SIGINT and SIGTERM
+    no longer change its exit status then.
+    """
     if sys.stdout is None:  # closed, by `>&-`: what is printed then fails, rather than vanish
         sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
     stopped_by: list[int] = []
@@ -41,6 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         stopped_by.append(number)
         raise KeyboardInterrupt
 
+    def ignore_signals() -> None:
+        if arguments is None:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_IGN)
+
     options = argparse.Namespace(kept=lambda _: "")
     try:
         for number in (signal.SIGINT, signal.SIGTERM):  # `timeout` and `kill` clean up too
@@ -48,11 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 signal.signal(number, stop)
         try:
             options = _parser().parse_args(arguments)
-            return int(options.run(options))
+            done = int(options.run(options))
         finally:
             _flush_output()
+        ignore_signals()  # all is written: else Python's own end would die of them in silence
+        return done
     except (KeyboardInterrupt, Exception) as error:
         if stopped_by:  # an import that is stopped may fail as if something were missing
+            ignore_signals()
             print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
             return SIGNALLED + stopped_by[0]
         if isinstance(error, BrokenPipeError):  # `penumbra scene ... | head`

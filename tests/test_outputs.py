@@ -282,6 +282,32 @@ def test_a_stopped_program_says_so_and_leaves_only_whole_files(name: str, folder
             journal.unlink()
 
 
+@pytest.mark.parametrize("sent", SIGNALS)
+def test_a_signal_after_the_work_is_done_changes_nothing(
+    sent: signal.Signals, tmp_path: Path
+) -> None:
+    """While Python ends: at its first step, and at random moments, since at its last step it
+    has restored the default of every signal that it caught."""
+    out = tmp_path / "a.exr"
+    command = [*PENUMBRA, "exact", SCENE, "-o", str(out), "--width", "6"]
+    first = f"import atexit, signal; atexit.register(signal.raise_signal, {int(sent)})\n"
+    (tmp_path / "sitecustomize.py").write_text(first)
+    env = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    run = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
+    assert (run.returncode, run.stderr) == (0, "")
+    draw = random.Random(int(sent))
+    for _ in range(5):
+        out.unlink()
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            while process.poll() is None and not out.exists():
+                time.sleep(0.001)
+            time.sleep(draw.uniform(0, 0.1))
+            process.send_signal(sent)
+            _, error = process.communicate(timeout=120)
+        stopped = process.returncode == 128 + sent and error == "penumbra: stopped\n"
+        assert stopped or (process.returncode, error) == (0, "")
+
+
 def test_each_signal_has_its_own_status(folder: Path) -> None:
     """128 + n, with one sentence; the image would take 20 s."""
     for sent in SIGNALS:
