@@ -3,7 +3,8 @@
  * usage: fma-peak THREADS
  *
  * Prints JSON: {"threads", "fma_per_second", "divisions_per_second"}, of all threads together, each
- * the best of a few repeats. Exit status: 1 if the arithmetic was not done, 2 usage. */
+ * the median over a burst as long as one of frames, so that what slows those slows this alike. Exit
+ * status: 1 if the arithmetic was not done, 2 usage. */
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,8 +16,10 @@ enum {
     CHAINS = 12,   /* that do not wait for each other: more than latency times pipes, and with
                       the two constants they fit 16 registers, should there be no more */
     STEPS = 60001, /* odd: see expected */
-    REPEATS = 7
+    MAX_REPEATS = 4096
 };
+
+static const double BURST = 0.03; /* [s] */
 
 #define FOR_EACH_CHAIN(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) DO(8) DO(9) DO(10) DO(11)
 #define LOAD(K) float c##K = x[K][i];
@@ -84,18 +87,24 @@ static bool run_once(const volatile Operation *given, double *seconds, int threa
     return wrong == 0;
 }
 
+static int compare_numbers(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
 /* Operations a second; 0 if they were not done. */
 static double peak(volatile Operation operation, int threads)
 {
-    double best = 0;
-    for (int repeat = 0; repeat < REPEATS; repeat++) {
-        double seconds;
-        if (!run_once(&operation, &seconds, threads))
+    double seconds[MAX_REPEATS], total = 0;
+    int repeats = 0;
+    while (repeats < MAX_REPEATS && total < BURST) {
+        if (!run_once(&operation, &seconds[repeats], threads))
             return 0;
-        double rate = (double)CHAINS * LANES * STEPS * threads / seconds;
-        best = rate > best ? rate : best;
+        total += seconds[repeats++];
     }
-    return best;
+    qsort(seconds, (size_t)repeats, sizeof *seconds, compare_numbers);
+    return (double)CHAINS * LANES * STEPS * threads / seconds[repeats / 2];
 }
 
 int main(int argc, char **argv)

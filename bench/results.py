@@ -30,9 +30,9 @@ COUNTED = {
 a multiply-add is one, so is a product or a sum that has no partner. Not counted: the division,
 comparisons, and the integer work on the point's bits."""
 COUNTED_FOR_TWO = {
-    "real inverse = 1 / (a * b);": 1,
-    "real value = first.n_w * (b * b) + second.n_w * (a * a);": 4,
-    "sum[i] += value * (inverse * inverse);": 2,
+    "product[i] = a * b;": 1,
+    "numerator[i] = first.n_w * (b * b) + second.n_w * (a * a);": 4,
+    "sum[i] += numerator[i] * (inverse * inverse);": 2,
 }
 """Likewise, once for two samples, and one division."""
 COUNTED_FOR_A_SPHERE = {

@@ -79,7 +79,7 @@ Rgb exact_lighting(const Scene *scene, const Hit *hit);
 typedef struct { real x[16], y[16], z[16]; } Vec3Packet;
 typedef struct { real r[16], g[16], b[16]; } RgbPacket;
 typedef struct {
-    int nb_hits; int one_object; int object[16];
+    bool any_hit; bool all_hit; bool one_object; int object[16];
     Vec3Packet point; Vec3Packet normal; RgbPacket brdf;
 } HitPacket;
 typedef struct { Vec3 origin; Vec3 corner, right, down; } ImagePlane;

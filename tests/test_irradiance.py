@@ -185,7 +185,7 @@ class CScene:
         for start in range(0, len(hits), LANES):
             packet = ffi.new("HitPacket *", {"object": [-1] * LANES})
             for lane, hit in enumerate(hits[start : start + LANES]):
-                packet.nb_hits += 1
+                packet.any_hit = True
                 packet.object[lane] = hit.object
                 for name in "xyz":
                     getattr(packet.point, name)[lane] = getattr(hit.point, name)

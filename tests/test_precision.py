@@ -93,7 +93,7 @@ def array(v: Any) -> np.ndarray:
 def as_double(double: Core, hits: Any) -> Any:
     """The float32 core's hits, the same numbers, for the float64 core."""
     copy = double.ffi.new("HitPacket *")
-    copy.nb_hits, copy.one_object = hits.nb_hits, hits.one_object
+    copy.any_hit, copy.all_hit, copy.one_object = hits.any_hit, hits.all_hit, hits.one_object
     copy.object = list(hits.object)
     for part, names in (("point", "xyz"), ("normal", "xyz"), ("brdf", "rgb")):
         for name in names:
@@ -219,7 +219,7 @@ def test_every_term_of_the_kernel_is_the_float64_textbooks(
         for sampler in SAMPLERS:
             for _ in range(6):
                 hits = packet_of(single, scenes[0], rng)
-                if not hits.nb_hits:
+                if not hits.any_hit:
                     continue
                 stream = {"seed": 1, "pixel": int(rng.integers(1 << 30)), "pixel_sample": 0}
                 for light in range(scenes[0].nb_lights):

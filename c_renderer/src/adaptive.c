@@ -121,9 +121,9 @@ void adaptive_direct_lighting(const Scene *scene, const HitPacket *hits, const T
 {
     memset(result, 0, sizeof *result);
     memset(spent, 0, sizeof *spent);
-    const int count = hits->nb_hits ? needed_samples(scene, hits, target, first) : 0;
+    const int count = hits->any_hit ? needed_samples(scene, hits, target, first) : 0;
     const PointSet points = {.sampler = SAMPLER_INDEPENDENT, .count = count};
-    for (int l = 0; l < scene->nb_lights && hits->nb_hits; l++) {
+    for (int l = 0; l < scene->nb_lights && hits->any_hit; l++) {
         const Light *light = &scene->lights[l];
         LightPacket packet;
         Seen seen = SEEN_STRANGE;

@@ -352,8 +352,8 @@ void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPack
     ViewPacket view;
     CapPacket caps[MAX_CAPS];
     memset(irradiance, 0, sizeof(Lanes));
-    const int nb_caps = hits->nb_hits ? light_view_packet(scene, light, hits, &view, caps) : 0;
-    if (!hits->nb_hits || !any(view.lit))
+    const int nb_caps = hits->any_hit ? light_view_packet(scene, light, hits, &view, caps) : 0;
+    if (!hits->any_hit || !any(view.lit))
         return;
     irradiance_without_spheres(&view, irradiance);
     for (int k = 0; k < nb_caps; k++) {
@@ -379,10 +379,10 @@ int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const
     CapPacket caps[MAX_CAPS];
     int nb_unknown = 0;
     memset(irradiance, 0, sizeof(Lanes));
-    const int nb_caps = hits->nb_hits ? light_view_packet(scene, light, hits, &view, caps) : 0;
+    const int nb_caps = hits->any_hit ? light_view_packet(scene, light, hits, &view, caps) : 0;
     for (int i = 0; i < LANES; i++)
         known[i] = 1;
-    if (!hits->nb_hits || !any(view.lit))
+    if (!hits->any_hit || !any(view.lit))
         return 0;
     irradiance_without_spheres(&view, irradiance);
     clear_unlit(&view, irradiance);
@@ -399,7 +399,7 @@ int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const
 void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket *radiance)
 {
     memset(radiance, 0, sizeof *radiance);
-    for (int k = 0; k < scene->nb_lights && hits->nb_hits; k++) {
+    for (int k = 0; k < scene->nb_lights && hits->any_hit; k++) {
         const Light *light = &scene->lights[k];
         double irradiance[LANES];
         switch (light->type) {

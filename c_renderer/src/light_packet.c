@@ -1,14 +1,5 @@
 #include "light_packet.h"
 
-/* The flags that any lane has. */
-static int any_lane(const int flags[LANES])
-{
-    int any = 0;
-    for (int i = 0; i < LANES; i++)
-        any |= flags[i];
-    return any;
-}
-
 /* Below this height, in the lane's unit of length, 1 / |w|^8 comes near float's end. */
 #define LEAST_HEIGHT ((real)1e-4f)
 

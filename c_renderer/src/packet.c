@@ -65,7 +65,7 @@ static void hit_sphere(const Sphere *sphere, int object, const RayPacket *restri
     const real outside = vec3_dot(to_origin, to_origin) - radius_squared;
     const Vec3Packet *direction = &rays->direction;
     real along[LANES], discriminant[LANES], distance[LANES];
-    int meets[LANES], any = 0;
+    int meets[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
         real dx = direction->x[i], dy = direction->y[i], dz = direction->z[i];
@@ -76,9 +76,7 @@ static void hit_sphere(const Sphere *sphere, int object, const RayPacket *restri
         discriminant[i] = radius_squared - (px * px + py * py + pz * pz);
     }
     SIMD for (int i = 0; i < LANES; i++) meets[i] = discriminant[i] >= 0;
-    for (int i = 0; i < LANES; i++)
-        any |= meets[i];
-    if (!any)
+    if (!any_lane(meets))
         return;
     if (outside <= 0) {
         SIMD for (int i = 0; i < LANES; i++)
@@ -192,20 +190,23 @@ void packet_hit(const Scene *scene, const ImagePlane *plane, const real x[LANES]
         hit_plane(&scene->planes[p], scene->nb_spheres + p, &rays, &nearest);
 
     const real furthest = scene->ray_max_distance * scene->ray_max_distance;
-    int nb_hits = 0, others = 0;
+    int missed[LANES], differs[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
         real distance = nearest.distance[i];
         int near = distance * distance < furthest * rays.inverse_square[i];
         hits->object[i] = near ? nearest.object[i] : SCENE_NOTHING;
     }
-    for (int i = 0; i < LANES; i++) {
-        nb_hits += hits->object[i] != SCENE_NOTHING;
-        others |= hits->object[i] ^ hits->object[0];
+    const int first = hits->object[0];
+    SIMD for (int i = 0; i < LANES; i++)
+    {
+        missed[i] = hits->object[i] == SCENE_NOTHING;
+        differs[i] = hits->object[i] ^ first;
     }
-    hits->nb_hits = nb_hits;
-    hits->one_object = !others;
-    if (!nb_hits)
+    hits->all_hit = !any_lane(missed);
+    hits->one_object = !any_lane(differs);
+    hits->any_hit = !hits->one_object || first != SCENE_NOTHING;
+    if (!hits->any_hit)
         return;
     const Vec3 origin = rays.origin;
     SIMD for (int i = 0; i < LANES; i++)

@@ -12,6 +12,15 @@ enum { LANES = 16 };
 
 #define SIMD _Pragma("omp simd simdlen(16)")
 
+/* The bits that are set in some lane. */
+static inline int any_lane(const int bits[LANES])
+{
+    int any = 0;
+    _Pragma("omp simd simdlen(16) reduction(| : any)") for (int i = 0; i < LANES; i++) any |=
+        bits[i];
+    return any;
+}
+
 typedef struct {
     real x[LANES], y[LANES], z[LANES];
 } Vec3Packet;
@@ -22,12 +31,12 @@ typedef struct {
 
 /* scene_hit's answer, lane by lane. */
 typedef struct {
-    int nb_hits;       /* lanes with an object */
-    int one_object;    /* whether all lanes see the same */
-    int object[LANES]; /* SCENE_NOTHING: nothing else is set */
-    Vec3Packet point;  /* [m] */
-    Vec3Packet normal; /* unit, turned towards the ray's origin */
-    RgbPacket brdf;    /* [sr^-1] */
+    bool any_hit, all_hit; /* whether some, or all, lanes see an object */
+    bool one_object;       /* whether all lanes see the same, or nothing */
+    int object[LANES];     /* SCENE_NOTHING: nothing else is set */
+    Vec3Packet point;      /* [m] */
+    Vec3Packet normal;     /* unit, turned towards the ray's origin */
+    RgbPacket brdf;        /* [sr^-1] */
 } HitPacket;
 
 /* An image's pixels before the camera: the direction through the position (x, y) [pixels] is

@@ -119,7 +119,7 @@ static void choose_places(const Job *job, const Stretch *stretch, int p, real x[
 
 static void show_background(Rgb background, const HitPacket *hits, EstimatePacket *estimate)
 {
-    if (hits->nb_hits == LANES)
+    if (hits->all_hit)
         return;
     SIMD for (int i = 0; i < LANES; i++)
     {
