@@ -28,8 +28,7 @@ static inline bool any(const Lanes condition)
 {
     uint64_t bits[LANES], all = 0;
     memcpy(bits, condition, sizeof bits);
-    for (int i = 0; i < LANES; i++)
-        all |= bits[i];
+    _Pragma("omp simd reduction(| : all)") for (int i = 0; i < LANES; i++) all |= bits[i];
     return all;
 }
 
