@@ -50,19 +50,21 @@ def _bench(options: argparse.Namespace) -> int:
     scene = read_scene(options.scene)
     plan = _plan(options, scene.width, scene.height)
     use_cores(plan.threads)
-    load, start = os.getloadavg()[0], time.perf_counter()
+    load, stolen, start = os.getloadavg()[0], _stolen_seconds(), time.perf_counter()
     if load > QUIET:
         print(
             f"bench: other work is running (load {load:.1f}): times will be long", file=sys.stderr
         )
     measured = measure(plan)
+    elapsed = time.perf_counter() - start
     result: dict[str, Any] = {
         **summary(measured, plan, scene),
         "machine": provenance.machine(),
         "versions": _versions(measured),
         "date": time.strftime("%Y-%m-%d", time.gmtime()),
         "load": load,
-        "minutes": (time.perf_counter() - start) / 60,
+        "stolen": (_stolen_seconds() - stolen) / (os.cpu_count() or 1) / elapsed,
+        "minutes": elapsed / 60,
         "command": provenance.command_line(),
     }
     out: Path = options.out
@@ -93,6 +95,15 @@ def _plan(options: argparse.Namespace, width: int, height: int) -> Plan:
     if "mitsuba" in options.without:
         chosen["mitsuba_python"] = None
     return Plan(**chosen)
+
+
+def _stolen_seconds() -> float:
+    """Time of all cores together that a virtual machine's host gave to others; 0 if it is none."""
+    try:
+        words = Path("/proc/stat").read_text().split(maxsplit=9)
+    except OSError:
+        return 0
+    return int(words[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def _versions(measured: Measured) -> dict[str, str]:

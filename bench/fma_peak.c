@@ -3,8 +3,8 @@
  * usage: fma-peak THREADS
  *
  * Prints JSON: {"threads", "fma_per_second", "divisions_per_second"}, of all threads together, each
- * the median over a burst as long as one of frames, so that what slows those slows this alike. Exit
- * status: 1 if the arithmetic was not done, 2 usage. */
+ * the median of many repeats, as for frames, so that what slows those slows this alike. Exit status:
+ * 1 if the arithmetic was not done, 2 usage. */
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,10 +16,8 @@ enum {
     CHAINS = 12,   /* that do not wait for each other: more than latency times pipes, and with
                       the two constants they fit 16 registers, should there be no more */
     STEPS = 60001, /* odd: see expected */
-    MAX_REPEATS = 4096
+    REPEATS = 101
 };
-
-static const double BURST = 0.03; /* [s] */
 
 #define FOR_EACH_CHAIN(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) DO(8) DO(9) DO(10) DO(11)
 #define LOAD(K) float c##K = x[K][i];
@@ -96,15 +94,12 @@ static int compare_numbers(const void *a, const void *b)
 /* Operations a second; 0 if they were not done. */
 static double peak(volatile Operation operation, int threads)
 {
-    double seconds[MAX_REPEATS], total = 0;
-    int repeats = 0;
-    while (repeats < MAX_REPEATS && total < BURST) {
-        if (!run_once(&operation, &seconds[repeats], threads))
+    double seconds[REPEATS];
+    for (int repeat = 0; repeat < REPEATS; repeat++)
+        if (!run_once(&operation, &seconds[repeat], threads))
             return 0;
-        total += seconds[repeats++];
-    }
-    qsort(seconds, (size_t)repeats, sizeof *seconds, compare_numbers);
-    return (double)CHAINS * LANES * STEPS * threads / seconds[repeats / 2];
+    qsort(seconds, REPEATS, sizeof *seconds, compare_numbers);
+    return (double)CHAINS * LANES * STEPS * threads / seconds[REPEATS / 2];
 }
 
 int main(int argc, char **argv)

@@ -114,8 +114,9 @@ def about(result: Result) -> str:
         f"{machine['processor']}, {result['threads']} cores used, {machine['system']}; "
         f"{result['date']}. {listed}. {result['scene']} at {result['width']}×{result['height']}, "
         f"{result['threads']} threads, medians of {result['rounds']} interleaved rounds. Load "
-        f"average before the start: {result['load']:.2f} (0 is a machine at rest). Whole run: "
-        f"{result['minutes']:.1f} minutes. Command: `make bench`."
+        f"average before the start: {result['load']:.2f} (0 is a machine at rest). Of the "
+        f"cores' time, the virtual machine's host gave {100 * result['stolen']:.1f}% to others. "
+        f"Whole run: {result['minutes']:.1f} minutes. Command: `make bench`."
     )
 
 

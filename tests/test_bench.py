@@ -273,6 +273,7 @@ def test_benchmark_writes_csv_json_and_the_page(scenes: Path, tmp_path: Path) ->
     assert all(float(row["seconds"]) > 0 for row in written)
     result = json.loads((tmp_path / "bench/bench.json").read_text())
     assert result["rounds"] == 1 and result["machine"]["processor"]
+    assert 0 <= result["stolen"] <= 1
     reached = {row["what"]: row["met"] for row in result["targets"]}
     assert reached["render time, Cycles / area sobol, N = 16"] is None
     section = speed(tmp_path)["speed"]
