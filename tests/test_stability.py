@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from compare import yardstick
-from compare.exact import exact_image
+from compare.exact import PENUMBRA, exact_image
 from compare.extremes import SWEEPS, Sweep, light_of_side, lit_floor, mirrored, scaled, translated
 from compare.image import Image
 from compare.library import PRECISIONS, Setting, WarmRenderer, names
@@ -365,6 +365,28 @@ def test_pixels_too_near_a_light_are_counted_and_solid_angle_trusts_them(tmp_pat
             assert row["relative_rmse"] < 0.08, row
         else:
             assert (row["relative_rmse"] > 0.14 * 0.9) == near, row
+
+
+def test_hybrid_trusts_what_it_knows_next_to_what_it_samples(
+    render: Render, tmp_path: Path
+) -> None:
+    """A ball beside a low light hides some of it from the floor beyond. Only there hybrid counts
+    pixels: those, and few that do not surely see it whole. The others, though rendered together
+    with them, are exact with a single sample."""
+    scene = lit_floor(
+        (0.12, 0.004, 0.03), (-0.04, 0, 0), (0, 0, 0.04), spheres=[((0.125, 0.0015, 0.05), 0.0015)]
+    )
+    file = write(scene, tmp_path)
+    exact = exact_image(read_scene(file))
+    counts, images = {}, {}
+    for estimator in ("area", "hybrid"):
+        images[estimator] = render(file, estimator=estimator, light_samples=1, seed=1)
+        counts[estimator] = int(images[estimator].attributes["untrustedPixels"])
+    partly = exact.shadow == PENUMBRA
+    assert 0 < partly.sum() <= counts["hybrid"] < counts["area"] / 2
+    error = np.abs(images["hybrid"].radiance - exact.radiance).max(axis=2)
+    wrong = error > 1e-4 * exact.radiance.max()  # float32 is 1e-5 off here
+    assert (wrong & partly).any() and wrong.sum() <= counts["hybrid"]
 
 
 def test_untrusted_pixels_are_said_on_stderr(renderer: Path, tmp_path: Path) -> None:

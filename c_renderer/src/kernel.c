@@ -358,7 +358,7 @@ void kernel_hybrid_lighting(const Scene *scene, const HitPacket *hits, const Poi
         const QuadLight *quad = &light->shape.quad;
         real mean[LANES] = {0}, variance[LANES] = {0};
         double irradiance[LANES];
-        int known[LANES];
+        int known[LANES] = {0};
         LightPacket packet;
         Seen seen = SEEN_STRANGE;
         if (light->type == LIGHT_QUAD) {
@@ -367,9 +367,13 @@ void kernel_hybrid_lighting(const Scene *scene, const HitPacket *hits, const Poi
                 seen = light_packet_see(scene, quad, hits, &packet);
         }
         if (seen == SEEN_STRANGE) {
-            kernel_textbook(scene, l, hits, points, first, result);
-            continue;
+            HitPacket unknown = *hits;
+            for (int i = 0; i < LANES; i++)
+                unknown.object[i] = known[i] ? SCENE_NOTHING : unknown.object[i];
+            kernel_textbook(scene, l, &unknown, points, first, result);
         }
+        if (light->type != LIGHT_QUAD)
+            continue;
         if (seen == SEEN_SAMPLED)
             quad_estimate(&packet, points, first, (uint32_t)l + 1, mean, variance);
         prefer_known(irradiance, known, mean, variance);

@@ -1,5 +1,6 @@
 #include "trust.h"
 
+#include "irradiance_packet.h"
 #include "spherical_rectangle.h"
 #include "vec3d.h"
 
@@ -73,17 +74,39 @@ static bool is_black(Rgb radiance)
     return radiance.r <= 0 && radiance.g <= 0 && radiance.b <= 0;
 }
 
-static bool is_untrusted(const Scene *scene, const RenderSettings *settings, Vec3 point,
-                         double samples)
+/* Whether ESTIMATOR_HYBRID takes the light's closed form there. */
+static bool is_known(const Scene *scene, const QuadLight *light, const Hit *hit)
+{
+    HitPacket hits = {.any_hit = true};
+    double irradiance[LANES];
+    int known[LANES];
+    for (int i = 0; i < LANES; i++)
+        hits.object[i] = SCENE_NOTHING;
+    hits.object[0] = hit->object;
+    hits.point.x[0] = hit->point.x, hits.normal.x[0] = hit->normal.x;
+    hits.point.y[0] = hit->point.y, hits.normal.y[0] = hit->normal.y;
+    hits.point.z[0] = hit->point.z, hits.normal.z[0] = hit->normal.z;
+    irradiance_packet_of_plain(scene, light, &hits, irradiance, known);
+    return known[0];
+}
+
+/* Whether so near a light has no spot: its samples are spread over the solid angle, or none. */
+static bool has_no_spot(const Scene *scene, Estimator estimator, const QuadLight *light,
+                        const Hit *hit)
+{
+    SphericalRectangle rectangle;
+    if (estimator == ESTIMATOR_SOLID_ANGLE)
+        return spherical_rectangle_create(&rectangle, light, hit->point);
+    return estimator == ESTIMATOR_HYBRID && is_known(scene, light, hit);
+}
+
+static bool is_untrusted(const Scene *scene, Estimator estimator, const Hit *hit, double samples)
 {
     for (int i = 0; i < scene->nb_lights; i++) {
         const QuadLight *light = &scene->lights[i].shape.quad;
-        if (scene->lights[i].type != LIGHT_QUAD || is_black(light->radiance) ||
-            trust_distance(light, point) >= least_distance(light, samples))
-            continue;
-        SphericalRectangle rectangle;
-        if (settings->estimator != ESTIMATOR_SOLID_ANGLE ||
-            !spherical_rectangle_create(&rectangle, light, point))
+        if (scene->lights[i].type == LIGHT_QUAD && !is_black(light->radiance) &&
+            trust_distance(light, hit->point) < least_distance(light, samples) &&
+            !has_no_spot(scene, estimator, light, hit))
             return true;
     }
     return false;
@@ -109,8 +132,8 @@ int trust_untrusted_pixels(const Scene *scene, const RenderSettings *settings, i
             const Ray ray =
                 camera_ray(&scene->camera, (real)x + (real)0.5, (real)y + (real)0.5, width, height);
             const Hit hit = scene_hit(scene, ray);
-            untrusted +=
-                hit.object != SCENE_NOTHING && is_untrusted(scene, settings, hit.point, samples);
+            untrusted += hit.object != SCENE_NOTHING &&
+                         is_untrusted(scene, settings->estimator, &hit, samples);
         }
     return untrusted;
 }

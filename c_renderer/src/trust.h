@@ -14,8 +14,8 @@ enum { TRUST_SPOT_SAMPLES = 16 };
 double trust_distance(const QuadLight *light, Vec3 point);
 
 /* Pixels, by their centres, whose estimate may be wrong by much and not show it, with that many
- * samples for each light. Samples spread over the solid angle, and closed forms, are not concerned
- * (hybrid is counted as if it had none). */
+ * samples for each light. Samples spread over the solid angle, and closed forms, are not
+ * concerned. */
 int trust_untrusted_pixels(const Scene *scene, const RenderSettings *settings, int light_samples);
 
 #endif
