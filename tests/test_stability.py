@@ -367,16 +367,15 @@ def test_pixels_too_near_a_light_are_counted_and_solid_angle_trusts_them(tmp_pat
             assert (row["relative_rmse"] > 0.14 * 0.9) == near, row
 
 
-@pytest.mark.parametrize("radius", [0.0015, 0.003])
+@pytest.mark.parametrize(("height", "radius"), [(0.004, 0.0015), (3e-6, 1e-6)])
 def test_hybrid_trusts_what_it_knows_next_to_what_it_samples(
-    radius: float, render: Render, tmp_path: Path
+    height: float, radius: float, render: Render, tmp_path: Path
 ) -> None:
-    """A ball beside a low light hides some of it from the floor beyond; the larger one rises above
-    the light, which leaves it to the textbook. Only there hybrid counts pixels: those, and some that
-    do not surely see it whole. The others, though rendered together with them, are exact with a
-    single sample."""
+    """A ball beside a low light hides some of it from the floor beyond. Only there hybrid counts
+    pixels: those, and some that do not surely see it whole. The others are exact with a single
+    sample, though rendered together with them; under the lower light by the textbook's loop."""
     ball = ((0.125, radius, 0.05), radius)
-    scene = lit_floor((0.12, 0.004, 0.03), (-0.04, 0, 0), (0, 0, 0.04), spheres=[ball])
+    scene = lit_floor((0.12, height, 0.03), (-0.04, 0, 0), (0, 0, 0.04), spheres=[ball])
     file = write(scene, tmp_path)
     exact = exact_image(read_scene(file))
     counts, images = {}, {}
@@ -385,8 +384,8 @@ def test_hybrid_trusts_what_it_knows_next_to_what_it_samples(
         counts[estimator] = int(images[estimator].attributes["untrustedPixels"])
     partly = exact.shadow == PENUMBRA
     assert 0 < partly.sum() <= counts["hybrid"] < counts["area"]
-    error = np.abs(images["hybrid"].radiance - exact.radiance).max(axis=2)
-    wrong = error > 1e-4 * exact.radiance.max()  # float32 is 1e-5 off here
+    error = np.abs(images["hybrid"].radiance - exact.radiance)
+    wrong = (error > 1e-3 * exact.radiance).any(axis=2)  # float32: 3e-4 at most, by an edge
     assert (wrong & partly).any() and wrong.sum() <= counts["hybrid"]
 
 
