@@ -55,7 +55,7 @@ C_FLAGS := -std=c99 -Wall -Wextra -Wpedantic -Wconversion -fPIC -fopenmp -fno-ma
            -DPENUMBRA_VERSION='"$(VERSION)"'
 
 CONTRACTED := adaptive camera estimator irradiance_packet kernel light light_packet packet render \
-              sampling shape spherical_rectangle
+              sampling shape spherical_rectangle spherical_rectangle_packet
 
 # One build, in folder $(1), once set up for $(2), by compiler $(3) with flags $(4), its name ending
 # in $(5): bin/penumbra-render, and lib/libpenumbra.so of the same objects but main.

@@ -94,9 +94,10 @@ void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket 
 
 typedef struct { RgbPacket radiance; RgbPacket variance; } EstimatePacket;
 void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,
-                            const PointSet *points, RngStream first, EstimatePacket *result);
+                            const PointSet *points, Spread spread, RngStream first,
+                            EstimatePacket *result);
 void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
-                     RngStream first, EstimatePacket *result);
+                     Spread spread, RngStream first, EstimatePacket *result);
 bool scene_read(const char *file, Scene *scene, char **dump, char *message, size_t message_size);
 void scene_free(Scene *scene);
 """

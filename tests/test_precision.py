@@ -155,9 +155,11 @@ class Terms:
     def textbook(self, scene: Any = None, hits: Any = None) -> np.ndarray:
         """(LANES, 3)"""
         result = self.double.ffi.new("EstimatePacket *")
-        self.double.library.kernel_textbook(
-            scene or self.scene, 0, hits or self.hits, self.points, self.stream, result
-        )
+        library = self.double.library
+        library.kernel_textbook(
+            scene or self.scene, 0, hits or self.hits, self.points, library.SPREAD_AREA,
+            self.stream, result,
+        )  # fmt: skip
         return array(result.radiance)
 
     def undecided(self) -> np.ndarray:
@@ -233,7 +235,9 @@ def test_every_term_of_the_kernel_is_the_float64_textbooks(
                     )  # fmt: skip
                     result = single.ffi.new("EstimatePacket *")
                     points = point_set(single, sampler, 1)
-                    single.library.kernel_direct_lighting(views[0], hits, 1, points, stream, result)
+                    single.library.kernel_direct_lighting(
+                        views[0], hits, 1, points, single.library.SPREAD_AREA, stream, result
+                    )
                     value, truth = array(result.radiance), expected.textbook()
                     unsure = expected.undecided()
                     may_be_dark = (unsure | ~truth.any(axis=-1))[:, None]

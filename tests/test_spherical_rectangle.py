@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.core import ffi, library
+from compare.library import PRECISIONS
+from tests.core import core, ffi, library
+from tests.test_kernel import random_scene
 from tests.test_light_sample import f32, quad_light, vec3, xyz
+from tests.test_precision import SAMPLERS, array, packet_of, point_set, representable
 
 UNIFORM = np.random.default_rng(0).random((4000, 2))
 
@@ -86,3 +91,47 @@ def test_sheared_and_grazing_quads_are_left_to_area_sampling() -> None:
     assert not rectangle([0, 1, 0], [-2, 0, 0], [-2, 0, 1], [0, 0, 0])[2]
     assert not rectangle([1, 1, -1], [-2, 0, 0], [0, 0, 2], [0, 1, 0])[2]
     assert rectangle([1, 1, -1], [-2, 0, 0], [0, 0, 2], [0, 0.5, 0])[2]
+
+
+def with_rectangles(scene: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """Its lights made rectangles, some of them tiny: of 1e-3 m and below are seen as less than
+    1e-7 sr from here and there."""
+    for quad in scene["quad_lights"]:
+        size = 10 ** rng.uniform(-3, 0)
+        u, v = np.array(quad["u"]), np.array(quad["v"])
+        v -= (u @ v) / (u @ u) * u
+        quad["u"], quad["v"] = (size * u).tolist(), (size * v).tolist()
+    return scene
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("first_seed", range(0, 60, 15))
+def test_sixteen_points_at_a_time_are_the_textbook(
+    first_seed: int, precision: str, make_scene: Callable[..., Path]
+) -> None:
+    """On random scenes, sample for sample. The lights' right angles are rounded to float32, and
+    only one of the two keeps what they are off by: in float64, 1e-7 times a few. In float32 as in
+    tests/test_kernel.py, which says also what else may differ."""
+    c = core(precision)
+    tolerance = 1e-6 if precision == "float64" else 1e-4
+    differing = pixels = lit = 0
+    for seed in range(first_seed, first_seed + 15):
+        rng = np.random.default_rng(seed)
+        scene = c.read_scene(make_scene(**representable(with_rectangles(random_scene(seed), rng))))
+        for sampler in SAMPLERS:
+            points = point_set(c, sampler, 7)
+            for _ in range(4):
+                hits = packet_of(c, scene, rng)
+                stream = {"seed": 1, "pixel": int(rng.integers(1 << 30)), "pixel_sample": 0}
+                spread = c.library.SPREAD_SOLID_ANGLE
+                result, expected = (c.ffi.new("EstimatePacket *") for _ in range(2))
+                c.library.kernel_direct_lighting(scene, hits, 1, points, spread, stream, result)
+                for light in range(scene.nb_lights if hits.any_hit else 0):
+                    c.library.kernel_textbook(scene, light, hits, points, spread, stream, expected)
+                value, truth = array(result.radiance), array(expected.radiance)
+                differs = np.abs(value - truth) > tolerance * np.maximum(truth, 1e-3)
+                differing += differs.any(axis=-1).sum()
+                lit += truth.any(axis=-1).sum()
+                pixels += len(truth)
+    assert lit > pixels / 20
+    assert differing <= 2 + 7 * pixels / 2000, f"{differing} of {pixels}"

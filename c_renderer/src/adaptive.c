@@ -31,11 +31,11 @@ static void sample_moments(const LightPacket *light, int count, RngStream first,
     const PointSet points = {.sampler = SAMPLER_INDEPENDENT, .count = count};
     const PointSet few = {.sampler = SAMPLER_INDEPENDENT, .count = ADAPTIVE_PILOT};
     double sum[LANES] = {0}, squares[LANES] = {0}, all[LANES] = {0}, unused[LANES] = {0};
-    kernel_sum(light, &points, first, dimension, sum, squares);
+    kernel_sum(light, NULL, &points, first, dimension, sum, squares);
     if (light->nb_occluders) {
         LightPacket unhidden = *light;
         unhidden.nb_occluders = 0;
-        kernel_sum(&unhidden, &few, first, dimension + PILOT_DIMENSION, all, unused);
+        kernel_sum(&unhidden, NULL, &few, first, dimension + PILOT_DIMENSION, all, unused);
     }
     for (int i = 0; i < LANES; i++) {
         double companion = 0;
@@ -133,7 +133,7 @@ void adaptive_direct_lighting(const Scene *scene, const HitPacket *hits, const T
             add_quad(&packet, light->shape.quad.radiance, hits, count, first, (uint32_t)l + 1,
                      result);
         else if (seen == SEEN_STRANGE)
-            kernel_textbook(scene, l, hits, &points, first, result);
+            kernel_textbook(scene, l, hits, &points, SPREAD_AREA, first, result);
     }
     for (int i = 0; i < LANES; i++) {
         int hit = hits->object[i] != SCENE_NOTHING;

@@ -3,7 +3,6 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "estimator.h"
 #include "irradiance_packet.h"
 
 /* The sample loop is written once and compiled for each combination of its constant arguments;
@@ -123,13 +122,39 @@ static FOR_EACH_COMBINATION void sum_samples(const LightPacket *restrict l,
     memcpy(result->sum_of_squares, sum_of_squares, sizeof sum_of_squares);
 }
 
-static void sum_chunk(const LightPacket *light, const PointPacket *points, int count,
+/* Sums (n . w) / |w| over the visible ones of `count` samples. */
+static FOR_EACH_COMBINATION void sum_cosines(const LightPacket *restrict l,
+                                             const PointPacket *restrict points, int count,
+                                             SumPacket *restrict result, bool clamp,
+                                             int nb_occluders)
+{
+    real sum[LANES] = {0}, sum_of_squares[LANES] = {0};
+    for (int j = 0; j < count; j++) {
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            Term term =
+                look(l, l->cx, l->cy, i, points->x[j][i], points->y[j][i], clamp, nb_occluders);
+            real value = term.n_w / sqrt(term.distance_squared);
+            sum[i] += value;
+            sum_of_squares[i] += value * value;
+        }
+    }
+    memcpy(result->sum, sum, sizeof sum);
+    memcpy(result->sum_of_squares, sum_of_squares, sizeof sum_of_squares);
+}
+
+static void sum_chunk(const LightPacket *light, const PointPacket *points, int count, Spread spread,
                       SumPacket *result)
 {
     const bool table = points->table_x, clamp = light->crosses_horizon;
+    const bool directions = spread == SPREAD_SOLID_ANGLE;
 #define OCCLUDERS(N)                                                                               \
     case N:                                                                                        \
-        if (table && clamp)                                                                        \
+        if (directions && clamp)                                                                   \
+            sum_cosines(light, points, count, result, true, N);                                    \
+        else if (directions)                                                                       \
+            sum_cosines(light, points, count, result, false, N);                                   \
+        else if (table && clamp)                                                                   \
             sum_samples(light, points, count, result, true, true, N);                              \
         else if (table)                                                                            \
             sum_samples(light, points, count, result, true, false, N);                             \
@@ -192,13 +217,28 @@ static void random_points(const PointSet *set, RngStream first, int first_sample
     }
 }
 
-void kernel_sum(const LightPacket *light, const PointSet *set, RngStream first, uint32_t dimension,
-                double sum[LANES], double sum_of_squares[LANES])
+/* The table's points, lane by lane. */
+static void table_points(const PointSet *set, int first_sample, int count, PointPacket *points)
+{
+    for (int j = 0; j < count; j++) {
+        const uint32_t x = set->table[0][first_sample + j], y = set->table[1][first_sample + j];
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            points->x[j][i] = sobol_in_one_two(x, points->shift_x[i]) - 1;
+            points->y[j][i] = sobol_in_one_two(y, points->shift_y[i]) - 1;
+        }
+    }
+}
+
+void kernel_sum(const LightPacket *light, const SphericalRectanglePacket *rectangle,
+                const PointSet *set, RngStream first, uint32_t dimension, double sum[LANES],
+                double sum_of_squares[LANES])
 {
     PointPacket points;
     SumPacket chunk;
-    const bool table = set->sampler == SAMPLER_SOBOL;
-    if (table) {
+    const bool sobol = set->sampler == SAMPLER_SOBOL, table = sobol && !rectangle;
+    const Spread spread = rectangle ? SPREAD_SOLID_ANGLE : SPREAD_AREA;
+    if (sobol) {
         uint32_t word[4][LANES];
         random_lanes(first, SOBOL_SHIFT_BLOCK, dimension, word);
         SIMD for (int i = 0; i < LANES; i++)
@@ -211,9 +251,13 @@ void kernel_sum(const LightPacket *light, const PointSet *set, RngStream first, 
         int count = set->count - first_sample < CHUNK ? set->count - first_sample : CHUNK;
         points.table_x = table ? set->table[0] + first_sample : NULL;
         points.table_y = table ? set->table[1] + first_sample : NULL;
-        if (!table)
+        if (!sobol)
             random_points(set, first, first_sample, count, dimension, &points);
-        sum_chunk(light, &points, count, &chunk);
+        else if (!table)
+            table_points(set, first_sample, count, &points);
+        for (int j = 0; j < count && rectangle; j++)
+            spherical_rectangle_packet_place(rectangle, points.x[j], points.y[j]);
+        sum_chunk(light, &points, count, spread, &chunk);
         SIMD for (int i = 0; i < LANES; i++)
         {
             sum[i] += (double)chunk.sum[i];
@@ -258,21 +302,24 @@ static void clear(EstimatePacket *result)
     }
 }
 
-static void quad_estimate(const LightPacket *light, const PointSet *set, RngStream first,
-                          uint32_t dimension, real mean[LANES], real variance[LANES])
+/* rectangle: how its directions spread over the light's; NULL: spread over its area. */
+static void quad_estimate(const LightPacket *light, const SphericalRectanglePacket *rectangle,
+                          const PointSet *set, RngStream first, uint32_t dimension,
+                          real mean[LANES], real variance[LANES])
 {
     double sum[LANES] = {0}, sum_of_squares[LANES] = {0};
-    kernel_sum(light, set, first, dimension, sum, sum_of_squares);
+    kernel_sum(light, rectangle, set, first, dimension, sum, sum_of_squares);
 
+    const real *scales = rectangle ? rectangle->scale : light->scale;
     const double n = set->count, to_mean = 1 / n;
     SIMD for (int i = 0; i < LANES; i++) mean[i] =
-        real_finite((real)((double)light->scale[i] * (sum[i] * to_mean)));
+        real_finite((real)((double)scales[i] * (sum[i] * to_mean)));
     if (set->sampler != SAMPLER_INDEPENDENT)
         return;
     const double to_variance = set->count > 1 ? 1 / (n - 1) / n : 0;
     SIMD for (int i = 0; i < LANES; i++)
     {
-        double scale = (double)light->scale[i];
+        double scale = (double)scales[i];
         double scatter = sum_of_squares[i] - sum[i] * (sum[i] * to_mean);
         scatter = scatter > 0 ? scatter : 0;
         variance[i] = real_finite((real)(scale * scale * scatter * to_variance));
@@ -291,7 +338,7 @@ static void prefer_known(const double irradiance[LANES], const int known[LANES],
 }
 
 void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
-                     RngStream first, EstimatePacket *result)
+                     Spread spread, RngStream first, EstimatePacket *result)
 {
     for (int i = 0; i < LANES; i++) {
         if (hits->object[i] == SCENE_NOTHING)
@@ -299,7 +346,7 @@ void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const
         Hit hit = packet_lane(hits, i);
         RngStream stream = first;
         stream.pixel += (uint32_t)i;
-        Estimate estimate = light_estimate(scene, light, &hit, points, SPREAD_AREA, stream);
+        Estimate estimate = light_estimate(scene, light, &hit, points, spread, stream);
         result->radiance.r[i] += estimate.radiance.r;
         result->radiance.g[i] += estimate.radiance.g;
         result->radiance.b[i] += estimate.radiance.b;
@@ -313,22 +360,32 @@ void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const
 
 /* One light that packet sees so, added to result. */
 static void add_quad(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
-                     RngStream first, Seen seen, const LightPacket *packet, EstimatePacket *result)
+                     Spread spread, RngStream first, Seen seen, const LightPacket *packet,
+                     EstimatePacket *result)
 {
-    real mean[LANES], variance[LANES];
-    if (seen == SEEN_STRANGE)
-        kernel_textbook(scene, light, hits, points, first, result);
-    if (seen != SEEN_SAMPLED)
+    const QuadLight *quad = &scene->lights[light].shape.quad;
+    SphericalRectanglePacket rectangle;
+    InLanes known = RECTANGLE_IN_NO_LANE;
+    if (spread == SPREAD_SOLID_ANGLE && seen == SEEN_SAMPLED)
+        known = spherical_rectangle_packet_create(&rectangle, quad, hits, packet);
+    if (seen == SEEN_STRANGE || known == RECTANGLE_IN_SOME_LANES) {
+        kernel_textbook(scene, light, hits, points, spread, first, result);
         return;
-    quad_estimate(packet, points, first, (uint32_t)light + 1, mean, variance);
-    const Rgb radiance = scene->lights[light].shape.quad.radiance;
+    }
+    if (seen == SEEN_NOT)
+        return;
+    real mean[LANES], variance[LANES];
+    quad_estimate(packet, known == RECTANGLE_IN_ALL_LANES ? &rectangle : NULL, points, first,
+                  (uint32_t)light + 1, mean, variance);
+    const Rgb radiance = quad->radiance;
     add_light(radiance, hits, mean, result);
     if (points->sampler == SAMPLER_INDEPENDENT)
         add_variance(radiance, hits, variance, result);
 }
 
 void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,
-                            const PointSet *points, RngStream first, EstimatePacket *result)
+                            const PointSet *points, Spread spread, RngStream first,
+                            EstimatePacket *result)
 {
     LightPacket packet[MAX_PACKETS];
     Seen seen[MAX_PACKETS];
@@ -344,7 +401,7 @@ void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_pa
         for (int p = 0; p < nb_packets; p++) {
             RngStream stream = first;
             stream.pixel += (uint32_t)(p * LANES);
-            add_quad(scene, l, &hits[p], points, stream, seen[p], &packet[p], &result[p]);
+            add_quad(scene, l, &hits[p], points, spread, stream, seen[p], &packet[p], &result[p]);
         }
     }
 }
@@ -370,12 +427,12 @@ void kernel_hybrid_lighting(const Scene *scene, const HitPacket *hits, const Poi
             HitPacket unknown = *hits;
             for (int i = 0; i < LANES; i++)
                 unknown.object[i] = known[i] ? SCENE_NOTHING : unknown.object[i];
-            kernel_textbook(scene, l, &unknown, points, first, result);
+            kernel_textbook(scene, l, &unknown, points, SPREAD_AREA, first, result);
         }
         if (light->type != LIGHT_QUAD)
             continue;
         if (seen == SEEN_SAMPLED)
-            quad_estimate(&packet, points, first, (uint32_t)l + 1, mean, variance);
+            quad_estimate(&packet, NULL, points, first, (uint32_t)l + 1, mean, variance);
         prefer_known(irradiance, known, mean, variance);
         add_light(quad->radiance, hits, mean, result);
         if (points->sampler == SAMPLER_INDEPENDENT)

@@ -5,8 +5,9 @@
 
 #include <stdbool.h>
 
+#include "estimator.h"
 #include "light_packet.h"
-#include "sampling.h"
+#include "spherical_rectangle_packet.h"
 
 typedef struct {
     RgbPacket radiance; /* [W m^-2 sr^-1] */
@@ -21,7 +22,8 @@ enum { MAX_PACKETS = 8 };
  * packet p belongs to pixel first.pixel + p LANES + i. The variance holds for
  * SAMPLER_INDEPENDENT alone, and is 0 else. */
 void kernel_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,
-                            const PointSet *points, RngStream first, EstimatePacket *result);
+                            const PointSet *points, Spread spread, RngStream first,
+                            EstimatePacket *result);
 
 /* The same for one packet, but a light that a lane surely sees whole or not at all is not
  * sampled: it is known in closed form. */
@@ -32,12 +34,15 @@ void kernel_hybrid_lighting(const Scene *scene, const HitPacket *hits, const Poi
 void kernel_exact_lighting(const Scene *scene, const HitPacket *hits, EstimatePacket *result);
 
 /* The pieces. Sums of (n . w) / |w|^4 and of their squares over the visible samples of one light,
- * added to sum and sum_of_squares; times light->scale they are light samples with f_r L_e = 1. */
-void kernel_sum(const LightPacket *light, const PointSet *points, RngStream first,
-                uint32_t dimension, double sum[LANES], double sum_of_squares[LANES]);
+ * added to sum and sum_of_squares; times light->scale they are light samples with f_r L_e = 1.
+ * With a rectangle the samples are spread over its solid angle, summed is (n . w) / |w|, and the
+ * scale is rectangle->scale. */
+void kernel_sum(const LightPacket *light, const SphericalRectanglePacket *rectangle,
+                const PointSet *points, RngStream first, uint32_t dimension, double sum[LANES],
+                double sum_of_squares[LANES]);
 
 /* One light by estimator.c, lane by lane, added to result: what SEEN_STRANGE needs. */
 void kernel_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
-                     RngStream first, EstimatePacket *result);
+                     Spread spread, RngStream first, EstimatePacket *result);
 
 #endif

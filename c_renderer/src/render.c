@@ -46,9 +46,7 @@ static Estimate ray_radiance(const Job *job, real x, real y, RngStream stream)
     Hit hit = scene_hit(scene, ray);
     if (hit.object == SCENE_NOTHING)
         return (Estimate){.radiance = scene->background};
-    Spread spread =
-        job->settings->estimator == ESTIMATOR_SOLID_ANGLE ? SPREAD_SOLID_ANGLE : SPREAD_AREA;
-    return direct_lighting(scene, &hit, job->points, spread, stream);
+    return direct_lighting(scene, &hit, job->points, SPREAD_AREA, stream);
 }
 
 static Estimate pixel_radiance(const Job *job, int x, int y)
@@ -141,8 +139,11 @@ static void stretch_radiance(const Job *job, Stretch *stretch)
         packet_hit(job->scene, &job->plane, x, y, &hits[p]);
     }
     if (!job->target && settings->estimator == ESTIMATOR_AREA)
-        kernel_direct_lighting(job->scene, hits, stretch->nb_packets, job->points, stretch->first,
-                               stretch->estimate);
+        kernel_direct_lighting(job->scene, hits, stretch->nb_packets, job->points, SPREAD_AREA,
+                               stretch->first, stretch->estimate);
+    if (settings->estimator == ESTIMATOR_SOLID_ANGLE)
+        kernel_direct_lighting(job->scene, hits, stretch->nb_packets, job->points,
+                               SPREAD_SOLID_ANGLE, stretch->first, stretch->estimate);
     for (int p = 0; p < stretch->nb_packets; p++) {
         RngStream first = stretch->first;
         first.pixel += (uint32_t)(p * LANES);
@@ -265,17 +266,10 @@ static RenderSpent render_row_in_packets(const Job *job, int y)
 
 static RenderSpent render_one_row(const Job *job, int y)
 {
-    switch (job->settings->estimator) {
-    case ESTIMATOR_TEXTBOOK:
-    case ESTIMATOR_SOLID_ANGLE:
-        render_row(job, y);
-        return (RenderSpent){0, 0};
-    case ESTIMATOR_AREA:
-    case ESTIMATOR_HYBRID:
-    case ESTIMATOR_EXACT:
-        break;
-    }
-    return render_row_in_packets(job, y);
+    if (job->settings->estimator != ESTIMATOR_TEXTBOOK)
+        return render_row_in_packets(job, y);
+    render_row(job, y);
+    return (RenderSpent){0, 0};
 }
 
 static RenderSpent render_rows(const Job *job, RenderProgress *progress, void *user)
