@@ -251,6 +251,23 @@ def test_shares_are_counted_operations_over_peak_and_time(scenes: Path) -> None:
         assert share["division_share"] == pytest.approx(5 * divisions / fma)
 
 
+def test_speedup_stands_beside_that_of_the_peak(scenes: Path) -> None:
+    """Two threads that take 2/3 of one's time, on a machine that adds and multiplies 1.25 times as
+    fast with two."""
+    scene = read_scene(scenes / "tp3.json")
+    frames = rows(results.FAST, lambda n: 2e-3, lambda n: 0.1)
+    frames += [{**row, "threads": 1, "seconds": 1.5 * row["seconds"]} for row in frames]
+    peaks = [
+        {"round": 1, "threads": t, "fma_per_second": rate, "divisions_per_second": 1e8}
+        for t, rate in ((1, 4e9), (2, 5e9))
+    ]
+    measured = Measured(frames, peaks, {}, {}, Truth(scene, WIDTH, HEIGHT))
+    found = results.targets(measured, Plan(Path(), WIDTH, HEIGHT), scene)
+    (speedup,) = (row for row in found if row["what"].startswith("speed-up"))
+    assert speedup["reached"] == pytest.approx(1.5) and not speedup["met"]
+    assert "1.25 times" in speedup["bound_by"]
+
+
 # ---------------------------------------------------------------- the whole
 
 
