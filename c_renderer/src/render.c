@@ -138,12 +138,11 @@ static void stretch_radiance(const Job *job, Stretch *stretch)
         choose_places(job, stretch, p, x, y);
         packet_hit(job->scene, &job->plane, x, y, &hits[p]);
     }
-    if (!job->target && settings->estimator == ESTIMATOR_AREA)
-        kernel_direct_lighting(job->scene, hits, stretch->nb_packets, job->points, SPREAD_AREA,
-                               stretch->first, stretch->estimate);
-    if (settings->estimator == ESTIMATOR_SOLID_ANGLE)
+    const bool by_angle = settings->estimator == ESTIMATOR_SOLID_ANGLE;
+    if (!job->target && (by_angle || settings->estimator == ESTIMATOR_AREA))
         kernel_direct_lighting(job->scene, hits, stretch->nb_packets, job->points,
-                               SPREAD_SOLID_ANGLE, stretch->first, stretch->estimate);
+                               by_angle ? SPREAD_SOLID_ANGLE : SPREAD_AREA, stretch->first,
+                               stretch->estimate);
     for (int p = 0; p < stretch->nb_packets; p++) {
         RngStream first = stretch->first;
         first.pixel += (uint32_t)(p * LANES);
