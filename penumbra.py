@@ -704,9 +704,9 @@ def _add_trade(add: Any) -> None:
     sub.add_argument(
         "--max-seconds",
         type=seconds,
-        default=0.02,
+        default=0.05,
         metavar="S",
-        help="leave out N of which an image takes longer [0.02]",
+        help="leave out N of which an image takes longer [0.05]",
     )
     sub.add_argument(
         "--threads",

@@ -34,9 +34,9 @@ SEEDS = 6
 confidence, those of five with 94%."""
 TARGETS = (0.03, 0.01, 0.003, 0.001)
 """Relative RMSE."""
-MAX_SECONDS = 0.02
-"""A method's N grow until a frame takes longer. With the rest it makes tp3 take about half a
-minute on two cores."""
+MAX_SECONDS = 0.05
+"""A method's N grow until a frame takes longer. With the rest it makes tp3 take about 50 seconds
+on two cores."""
 FEWEST = 3
 """N of every method that are measured however long they take: a curve to extrapolate from."""
 TEXTBOOK = "textbook"
