@@ -63,8 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ignore_signals()  # all is written: else Python's own end would die of them in silence
         return done
     except (KeyboardInterrupt, Exception) as error:
+        ignore_signals()
         if stopped_by:  # an import that is stopped may fail as if something were missing
-            ignore_signals()
             print(f"penumbra: stopped{options.kept(options)}", file=sys.stderr)
             return SIGNALLED + stopped_by[0]
         if isinstance(error, BrokenPipeError):  # `penumbra scene ... | head`

@@ -114,8 +114,8 @@ def about(result: Result) -> str:
         f"{machine['processor']}, {result['threads']} cores used, {machine['system']}; "
         f"{result['date']}. {listed}. {result['scene']} at {result['width']}×{result['height']}, "
         f"{result['threads']} threads, medians of {result['rounds']} interleaved rounds. Load "
-        f"average before the start: {result['load']:.2f} (0 is a machine at rest). Of the "
-        f"cores' time, the virtual machine's host gave {100 * result['stolen']:.1f}% to others. "
+        f"average before the start: {result['load']:.2f} (0 is a machine at rest). Stolen "
+        f"by a virtual machine's host: {100 * result['stolen']:.1f}% of the cores' time. "
         f"Whole run: {result['minutes']:.1f} minutes. Command: `make bench`."
     )
 

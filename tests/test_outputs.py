@@ -295,6 +295,9 @@ def test_a_signal_after_the_work_is_done_changes_nothing(
     env = {**os.environ, "PYTHONPATH": str(tmp_path)}
     run = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
     assert (run.returncode, run.stderr) == (0, "")
+    wrong = [*PENUMBRA, "scene", str(tmp_path / "none.json")]
+    run = subprocess.run(wrong, env=env, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 2 and len(run.stderr.splitlines()) == 1, run.stderr
     draw = random.Random(int(sent))
     for _ in range(5):
         out.unlink()
