@@ -40,7 +40,7 @@ lock: | build/setup.run
 # ---------------------------------------------------------------- C renderer
 
 VERSION := $(shell sed -n 's/^version = "\([^"]*\)".*/\1/p' pyproject.toml)
-C_NAMES := $(patsubst c_renderer/src/%.c,%,$(wildcard c_renderer/src/*.c))
+C_NAMES := $(patsubst c_renderer/src/%.c,%,$(wildcard c_renderer/src/*/*.c))
 
 # OpenEXR's headers warn under -Wpedantic: -isystem. Asked of pkg-config when a recipe runs, not
 # when this file is read, since set-up may just have installed it.
@@ -51,11 +51,10 @@ LIB_LDFLAGS = $(shell pkg-config --libs jansson) \
               $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
 
 # -fno-math-errno: without it gcc keeps every square root scalar.
-C_FLAGS := -std=c99 -Wall -Wextra -Wpedantic -Wconversion -fPIC -fopenmp -fno-math-errno \
+C_FLAGS := -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wswitch-enum -Ic_renderer/src -fPIC -fopenmp -fno-math-errno \
            -DPENUMBRA_VERSION='"$(VERSION)"'
 
-CONTRACTED := adaptive camera estimator irradiance_packet kernel light light_packet packet render \
-              sampling shape spherical_rectangle spherical_rectangle_packet
+CONTRACTED := $(filter core/% packet/% frame/%,$(C_NAMES))
 
 # One build, in folder $(1), once set up for $(2), by compiler $(3) with flags $(4), its name ending
 # in $(5): bin/penumbra-render, and lib/libpenumbra.so of the same objects but main.
@@ -68,7 +67,7 @@ $(1)/bin/penumbra-render$(5): $(C_NAMES:%=$(1)/obj$(5)/%.o)
 	@mkdir -p $$(@D)
 	$(3) $$(C_FLAGS) $(4) $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
-$(1)/lib/libpenumbra$(5).so: $(patsubst %,$(1)/obj$(5)/%.o,$(filter-out main,$(C_NAMES)))
+$(1)/lib/libpenumbra$(5).so: $(patsubst %,$(1)/obj$(5)/%.o,$(filter-out io/main,$(C_NAMES)))
 	@mkdir -p $$(@D)
 	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
@@ -96,11 +95,10 @@ build: $(foreach product,bin/penumbra-render bin/penumbra-render-float64 lib/lib
 
 # Where shadow rays should start: a study in both precisions, of the renderer's own functions.
 SELF_SHADOW := build/lib/libself_shadow.so build/lib/libself_shadow-float64.so
-$(SELF_SHADOW): compare/self_shadow.c $(patsubst %,c_renderer/src/%.c,scene shape light) \
-    $(wildcard c_renderer/src/*.h) Makefile | build/setup.run
+$(SELF_SHADOW): compare/studies/self_shadow.c $(wildcard c_renderer/src/core/*.[ch]) Makefile | build/setup.run
 	@mkdir -p $(@D)
-	gcc $(C_FLAGS) -O3 -march=native $(if $(findstring -float64,$@),-DPENUMBRA_FLOAT64) \
-	    -Ic_renderer/src -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
+	gcc $(C_FLAGS) -O3 -march=native -ffp-contract=fast \
+	    $(if $(findstring -float64,$@),-DPENUMBRA_FLOAT64) -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
 build: $(SELF_SHADOW)
 
 # ---------------------------------------------------------------- the experiment
@@ -143,7 +141,7 @@ build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.
 	$(PENUMBRA) reference $< -o $@ --samples $(SAMPLES_$*) || \
 	    { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@.part && mv $@.part $@; }
 
-COMPARE := $(wildcard compare/*.py)
+COMPARE := $(wildcard compare/*.py compare/*/*.py)
 
 # Verdicts: build/agreement/SCENE_IMAGE_REFERENCE.json, and .txt for reading. $(3) is the largest
 # exit status that is a result: 1, "differs", always is.
@@ -191,7 +189,7 @@ trade: build/trade/tp3.json
 .PHONY: stability
 stability: build/stability/stability.json
 
-build/stability/stability.csv build/stability/stability.json &: $(wildcard c_renderer/src/*.[ch]) \
+build/stability/stability.csv build/stability/stability.json &: $(wildcard c_renderer/src/*/*.[ch]) \
     $(COMPARE) | build
 	$(PENUMBRA) stability -o build/stability/stability
 
@@ -199,7 +197,7 @@ build/stability/stability.csv build/stability/stability.json &: $(wildcard c_ren
 .PHONY: self-shadow
 self-shadow: build/stability/self_shadow.json
 
-build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/self_shadow.py \
+build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/studies/self_shadow.py \
     scenes/tp3.json $(SELF_SHADOW)
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
@@ -228,8 +226,8 @@ build/bin/fma-peak: bench/fma_peak.c Makefile | build/setup.run
 	gcc $(C_FLAGS) $(RELEASE) -ffp-contract=fast $< -o $@
 
 # Of the same objects as the program, since the linker optimises: what is timed is what is run.
-LOOP_OBJECTS := $(patsubst %,build/obj/%.o,$(filter-out main,$(C_NAMES)))
-LOOP = gcc $(C_FLAGS) $(RELEASE) -Ic_renderer/src $(filter %.c %.o,$^)
+LOOP_OBJECTS := $(patsubst %,build/obj/%.o,$(filter-out io/main,$(C_NAMES)))
+LOOP = gcc $(C_FLAGS) $(RELEASE) $(filter %.c %.o,$^)
 
 build/bin/penumbra-loop: bench/loop.c $(LOOP_OBJECTS)
 	@mkdir -p $(@D)
@@ -260,10 +258,10 @@ bench-extras: build/setup.run
 # ---------------------------------------------------------------- checks
 
 # The scene reader for libFuzzer, which makes up what the reader has not met yet.
-build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c $(wildcard c_renderer/src/*.h) \
-    $(patsubst %,c_renderer/src/%.c,scene_json scene shape) Makefile | build/setup.test
+build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c c_renderer/src/io/scene_json.c \
+    $(wildcard c_renderer/src/core/*.c c_renderer/src/*/*.h) Makefile | build/setup.test
 	@mkdir -p $(@D)
-	clang $(C_FLAGS) $(CHECKED) -fsanitize=fuzzer,address,undefined -Ic_renderer/src $(LIB_CFLAGS) \
+	clang $(C_FLAGS) $(CHECKED) -fsanitize=fuzzer,address,undefined $(LIB_CFLAGS) \
 	    $(filter %.c,$^) $(LIB_LDFLAGS) -o $@.part && mv $@.part $@
 
 PYTHON_FILES := penumbra.py bench blender_ref compare report tests
@@ -312,14 +310,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*.[ch] bench/*.[ch] compare/*.c tests/fuzz/*.c
+	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

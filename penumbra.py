@@ -15,12 +15,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from compare.provenance import ROOT
-from compare.provenance import VERSION as __version__
+from compare.run.provenance import ROOT
+from compare.run.provenance import VERSION as __version__
 
 if TYPE_CHECKING:
-    from compare.convergence import Curve
-    from compare.renderers import Renderer
+    from compare.run.renderers import Renderer
+    from compare.studies.convergence import Curve
 
 PASS, FAIL, USAGE, MISSING, SIGNALLED = 0, 1, 2, 3, 128
 """Exit codes: done; a check failed; wrong usage, bad input or unwritable output; a program or
@@ -138,8 +138,8 @@ def _reference(options: argparse.Namespace) -> int:
 def _exact(options: argparse.Namespace) -> int:
     import numpy as np
 
-    from compare.exact import exact_image
-    from compare.image import Image, write_exr
+    from compare.exact.image import exact_image
+    from compare.measure.image import Image, write_exr
     from compare.scene import read_scene
 
     scene = read_scene(options.scene)
@@ -157,8 +157,8 @@ def _exact(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from compare.agreement import compare_files, format_metrics, format_rows
-    from compare.provenance import command_line, machine, versions, write_json
+    from compare.measure.agreement import compare_files, format_metrics, format_rows
+    from compare.run.provenance import command_line, machine, versions, write_json
 
     result = compare_files(
         options.image, options.reference, options.scene, perceptual=options.perceptual
@@ -184,14 +184,14 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _png(options: argparse.Namespace) -> int:
-    from compare.image import read_image, write_display
+    from compare.measure.image import read_image, write_display
 
     write_display(options.out, read_image(options.image).radiance)
     return PASS
 
 
 def _converge(options: argparse.Namespace) -> int:
-    from compare.convergence import Study, converge
+    from compare.studies.convergence import Study, converge
 
     out = _converge_out(options)
     study = Study(
@@ -224,8 +224,8 @@ def _converge_kept(options: argparse.Namespace) -> str:
 
 
 def _curves(options: argparse.Namespace) -> list[Curve]:
-    from compare.convergence import ConvergenceError, Curve
-    from compare.renderers import CommandRenderer, penumbra_renderer
+    from compare.run.renderers import CommandRenderer, penumbra_renderer
+    from compare.studies.convergence import ConvergenceError, Curve
 
     commands = options.renderer or ["penumbra"]
     labels = options.label or []
@@ -277,7 +277,7 @@ def _print_slopes(result: dict[str, Any]) -> None:
 
 
 def _speedup(options: argparse.Namespace) -> int:
-    from compare.speedup import speedup
+    from compare.studies.speedup import speedup
 
     result = speedup(
         options.scene, options.out, options.threads, options.repeats, options.light_samples
@@ -292,7 +292,7 @@ def _speedup(options: argparse.Namespace) -> int:
 
 
 def _trade(options: argparse.Namespace) -> int:
-    from compare.trade import Study, trade
+    from compare.studies.trade import Study, trade
 
     out = options.out or Path("build", "trade", options.scene.stem)
     result = trade(
@@ -323,7 +323,7 @@ def _trade(options: argparse.Namespace) -> int:
 
 
 def _stability(options: argparse.Namespace) -> int:
-    from compare.stability import study
+    from compare.studies.stability import study
 
     result = study(options.out, options.budget)
     bad = {kind: result[kind] for kind in ("nan", "inf", "negative")}
@@ -333,7 +333,7 @@ def _stability(options: argparse.Namespace) -> int:
 
 
 def _self_shadow(options: argparse.Namespace) -> int:
-    from compare.self_shadow import verdict_lines, write_map
+    from compare.studies.self_shadow import verdict_lines, write_map
 
     for line in verdict_lines(write_map(options.out, options.rays)["verdict"]):
         print(line)

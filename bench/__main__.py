@@ -20,8 +20,8 @@ from bench.results import summary
 from bench.rounds import COLUMNS, Measured, Plan, measure, use_cores
 from bench.systems import NotBuilt, SystemFailed
 from blender_ref import CyclesError
-from compare import provenance
-from compare.image import ImageError
+from compare.measure.image import ImageError
+from compare.run import provenance
 from compare.scene import SceneError, read_scene
 
 PEAK_COLUMNS = ("round", "threads", "fma_per_second", "divisions_per_second")

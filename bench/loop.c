@@ -15,8 +15,8 @@
 
 #include <omp.h>
 
-#include "render.h"
-#include "scene_json.h"
+#include "frame/render.h"
+#include "io/scene_json.h"
 
 /* What is timed. */
 #ifdef OTHER

@@ -2,7 +2,7 @@
 #ifndef PENUMBRA_OTHER_H
 #define PENUMBRA_OTHER_H
 
-#include "render.h"
+#include "frame/render.h"
 
 extern const char *const OTHER_VERSION;
 

@@ -11,7 +11,7 @@ import numpy as np
 from bench.law import Law, Row, medians, seconds_of
 from bench.rounds import EMPTY_PROCESS, WHOLE_PROCESS, Measured, Plan
 from bench.systems import NOISELESS, ScalarLoop
-from compare.exact import LIT, PENUMBRA, ExactImage
+from compare.exact.image import LIT, PENUMBRA, ExactImage
 from compare.scene import Plane, Scene
 
 FAST = "area sobol"
@@ -26,7 +26,7 @@ COUNTED = {
     "real distance_squared = wx * wx + (wy * wy + l->h_squared[i]);": 2,
     "real n_w = l->nx[i] * wx + (l->ny[i] * wy + l->nh[i]);": 2,
 }
-"""Operations of the FMA pipes for a sample, by line of the sample loop in c_renderer/src/kernel.c:
+"""Operations of the FMA pipes for a sample, by line of the sample loop in estimator_packet.c:
 a multiply-add is one, so is a product or a sum that has no partner. Not counted: the division,
 comparisons, and the integer work on the point's bits."""
 COUNTED_FOR_TWO = {

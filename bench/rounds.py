@@ -35,9 +35,9 @@ from bench.systems import (
     mitsuba_name,
     program,
 )
-from compare.exact import exact_image, regions
-from compare.metrics import relative_rmse
-from compare.provenance import ROOT
+from compare.exact.image import exact_image, regions
+from compare.measure.metrics import relative_rmse
+from compare.run.provenance import ROOT
 from compare.scene import Scene, read_scene
 
 COMPARED = (16, 64, 256)

@@ -16,8 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from bench.mitsuba_scene import UnsupportedScene, mitsuba_scene
-from compare.image import read_image
-from compare.provenance import ROOT
+from compare.measure.image import read_image
+from compare.run.provenance import ROOT
 from compare.scene import read_scene
 
 BURST = 0.03

@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from blender_ref import Cycles, CyclesError, MissingBlender
-from compare.image import ImageError, write_exr
+from compare.measure.image import ImageError, write_exr
 from compare.scene import SceneError
 
 

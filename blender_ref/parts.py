@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from blender_ref.process import Cycles, fingerprint
-from compare.image import Image, ImageError, read_image, write_exr
+from compare.measure.image import Image, ImageError, read_image, write_exr
 from compare.scene import read_scene
 
 

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from compare.image import Image, read_image
-from compare.provenance import ROOT, file_hash
+from compare.measure.image import Image, read_image
+from compare.run.provenance import ROOT, file_hash
 from compare.scene import Scene, read_scene
 
 PACKAGE = Path(__file__).resolve().parent

@@ -1,4 +1,4 @@
-"""Cycles as a renderer that compare.convergence can put through its curves."""
+"""Cycles as a renderer that compare.studies.convergence can put through its curves."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from itertools import groupby
 from pathlib import Path
 
 from blender_ref.process import Cycles, CyclesError, MissingBlender, fingerprint
-from compare.image import write_exr
-from compare.renderers import Job, MissingProgramError, RendererError
+from compare.measure.image import write_exr
+from compare.run.renderers import Job, MissingProgramError, RendererError
 
 
 class CyclesRenderer:
-    """compare.renderers.Renderer: one process for all jobs of one scene and size.
+    """compare.run.renderers.Renderer: one process for all jobs of one scene and size.
 
     Its seconds are the render's own: starting Blender (about 1 s) is left out, for it is the
     same at any number of samples.

@@ -1,6 +1,6 @@
 """The scene, read from scenes/*.json and turned from the lab's numbers into SI.
 
-This is the only Python that knows the file's keys. `c_renderer/src/scene_json.c` is the
+This is the only Python that knows the file's keys. `c_renderer/src/io/scene_json.c` is the
 other, independent reader; tests/test_scene_contract.py holds the two to one behaviour.
 """
 

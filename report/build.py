@@ -7,7 +7,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
-from compare.provenance import VERSION, write_whole
+from compare.run.provenance import VERSION, write_whole
 from report import figures, pictures, results, self_shadow, speed, stability, trade
 from report.inputs import PIXEL_SAMPLES, Data, ReportError, read_inputs
 

@@ -24,11 +24,11 @@ from PIL import Image as PillowImage
 from scipy.ndimage import uniform_filter
 from scipy.special import ndtri
 
-from compare.exact import ExactImage
-from compare.image import Image
-from compare.metrics import luminance
+from compare.exact.image import ExactImage
+from compare.measure.image import Image
+from compare.measure.metrics import luminance
+from compare.measure.statistics import estimate, scatter_test
 from compare.scene import QuadLight
-from compare.statistics import estimate, scatter_test
 
 LARGEST_HALF = 65504.0
 """largest finite IEEE half float"""

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compare.exact import ExactImage, exact_image
-from compare.image import Image, ImageError, read_image
+from compare.exact.image import ExactImage, exact_image
+from compare.measure.image import Image, ImageError, read_image
 from compare.scene import Scene, read_scene
 
 SCENES = ("tp3", "tp3_statement", "tp3_point")

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from compare.exact import BACKGROUND, LIT, PENUMBRA, UMBRA
-from compare.image import Image
+from compare.exact.image import BACKGROUND, LIT, PENUMBRA, UMBRA
+from compare.measure.image import Image
 from report import figures
 from report.figures import Crop
 from report.inputs import (

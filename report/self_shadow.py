@@ -1,4 +1,4 @@
-"""Where a shadow ray should start, as compare.self_shadow measured it. The page does without where
+"""Where a shadow ray should start, as the study measured it. The page does without where
 it did not."""
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def heat_map(rows: Sequence[dict[str, str]], precision: str) -> Markup:
     """Rates of MISTAKES (rows of panels) for each of TITLES (columns) over translation and
     scale, all scenes together, as inline SVG.
 
-    rows: of compare.self_shadow's CSV.
+    rows: of compare.studies.self_shadow's CSV.
     """
     translations = sorted({float(r["translation"]) for r in rows})
     scales = sorted({float(r["scale"]) for r in rows})

@@ -1,4 +1,4 @@
-"""Where floats break, as compare.stability measured it. The page does without where it did not."""
+"""Where floats break, as the study measured it. The page does without where it did not."""
 
 from __future__ import annotations
 

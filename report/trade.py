@@ -1,4 +1,4 @@
-"""What a millisecond buys, as compare.trade measured it. The page does without where it did not."""
+"""What a millisecond buys, as the study measured it. The page does without where it did not."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from compare.choice import duration, options, place, verdict_text
-from compare.choice import percent as error_text
-from compare.exact import PENUMBRA, ExactImage, exact_image
-from compare.image import read_image
+from compare.exact.image import PENUMBRA, ExactImage, exact_image
+from compare.measure.image import read_image
+from compare.studies.choice import duration, options, place, verdict_text
+from compare.studies.choice import percent as error_text
 from report import figures
 from report.figures import Crop
 from report.inputs import Data, Input, ReportError

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare.exact import exact_image, regions
-from compare.image import Image
+from compare.exact.image import exact_image, regions
+from compare.measure.image import Image
 from compare.scene import read_scene
 
 Render = Callable[..., Image]

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.agreement import (
+from compare.exact.image import LIT, ExactImage, exact_image, regions
+from compare.exact.receivers import camera_hits
+from compare.measure.agreement import (
     ComparisonError,
     Row,
     agreement,
@@ -26,12 +28,10 @@ from compare.agreement import (
     sample_range,
     unbiasedness_p_values,
 )
-from compare.exact import LIT, ExactImage, exact_image, regions
-from compare.image import Image, ImageError, read_image, write_display, write_exr
-from compare.metrics import luminance
-from compare.receivers import camera_hits
+from compare.measure.image import Image, ImageError, read_image, write_display, write_exr
+from compare.measure.metrics import luminance
+from compare.measure.statistics import binomial_interval
 from compare.scene import Scene, read_scene
-from compare.statistics import binomial_interval
 
 Render = Callable[..., Image]
 ROOT = Path(__file__).resolve().parent.parent

@@ -20,7 +20,7 @@ from bench.law import Law, medians, round_up
 from bench.mitsuba_scene import UnsupportedScene, mitsuba_scene
 from bench.rounds import VARIANTS, Measured, Plan, Truth
 from bench.systems import Absent, EmbreeSystem, Frame, Loop, MitsubaSystem, ScalarLoop, SystemFailed
-from compare.exact import LIT, exact_image
+from compare.exact.image import LIT, exact_image
 from compare.scene import read_scene
 from report.inputs import ReportError
 from report.speed import speed
@@ -216,7 +216,7 @@ def test_medians_are_medians_and_errors_are_root_mean_squares() -> None:
 def test_counted_operations_are_those_of_the_kernel() -> None:
     """Each line that is counted stands in the sample loop as it is; what it holds is counted here
     anew: a multiply-add takes one of the sums, each product and each sum that remains is one."""
-    text = (ROOT / "c_renderer/src/kernel.c").read_text()
+    text = (ROOT / "c_renderer/src/packet/estimator_packet.c").read_text()
     loop = text[text.index("Term look(") : text.index("static void sum_chunk")]
     lines = {**results.COUNTED, **results.COUNTED_FOR_TWO, **results.COUNTED_FOR_A_SPHERE}
     for line, count in lines.items():

@@ -22,10 +22,10 @@ import pytest
 
 import blender_ref
 from blender_ref import Cycles, CyclesError, CyclesRenderer, OptionsError
-from compare.agreement import agreement, exact_for, passes
-from compare.exact import PENUMBRA, exact_image
-from compare.image import Image, read_image
-from compare.renderers import Job
+from compare.exact.image import PENUMBRA, exact_image
+from compare.measure.agreement import agreement, exact_for, passes
+from compare.measure.image import Image, read_image
+from compare.run.renderers import Job
 from compare.scene import read_scene
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -18,8 +18,8 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from compare.exact import exact_image
-from compare.image import Image, read_image, write_exr
+from compare.exact.image import exact_image
+from compare.measure.image import Image, read_image, write_exr
 from compare.scene import dump_scene, read_scene
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -17,20 +17,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.convergence import COLUMNS, ConvergenceError, Curve, Study, converge
-from compare.exact import exact_image
-from compare.image import Image, write_exr
-from compare.journal import Journal, JournalError
-from compare.renderers import (
+from compare.exact.image import exact_image
+from compare.measure.image import Image, write_exr
+from compare.measure.slope import fit_slope, rmse_interval
+from compare.measure.statistics import binomial_interval
+from compare.run.journal import Journal, JournalError
+from compare.run.renderers import (
     CommandRenderer,
     MissingProgramError,
     RendererError,
     penumbra_renderer,
 )
 from compare.scene import read_scene
-from compare.slope import fit_slope, rmse_interval
-from compare.speedup import speedup
-from compare.statistics import binomial_interval
+from compare.studies.convergence import COLUMNS, ConvergenceError, Curve, Study, converge
+from compare.studies.speedup import speedup
 
 ROOT = Path(__file__).resolve().parent.parent
 WIDTH, HEIGHT = 36, 24
@@ -458,7 +458,7 @@ def test_command_is_split_as_a_shell_does_but_not_run_by_one(tmp_path: Path) -> 
 
 
 def _job(scene_file: Path) -> Any:
-    from compare.renderers import Job
+    from compare.run.renderers import Job
 
     return Job(scene_file, 3, 2, 1, 1, 1)
 

@@ -13,10 +13,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from compare.exact import BACKGROUND, LIT, PENUMBRA, UMBRA, ExactImage, exact_image, regions
-from compare.irradiance import LightView, quad_view
-from compare.quadrature import GAUSS, KRONROD, NODES, integrate_light
-from compare.receivers import Receivers, camera_hits
+from compare.exact.image import BACKGROUND, LIT, PENUMBRA, UMBRA, ExactImage, exact_image, regions
+from compare.exact.irradiance import LightView, quad_view
+from compare.exact.quadrature import GAUSS, KRONROD, NODES, integrate_light
+from compare.exact.receivers import Receivers, camera_hits
 from compare.scene import Camera, Plane, PointLight, QuadLight, Scene, Sphere, read_scene
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"

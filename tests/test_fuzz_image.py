@@ -18,7 +18,7 @@ import OpenEXR
 import PIL.Image
 import pytest
 
-from compare.image import Image, ImageError, read_image, write_exr
+from compare.measure.image import Image, ImageError, read_image, write_exr
 from tests.campaign import rounds
 from tests.conftest import ROOT
 

@@ -15,7 +15,7 @@ import OpenEXR
 import pytest
 from PIL import Image as PillowImage
 
-from compare.image import Image, ImageError, read_image, write_display, write_exr
+from compare.measure.image import Image, ImageError, read_image, write_display, write_exr
 
 WIDTH, HEIGHT = 7, 5
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.exact import BACKGROUND, exact_image
-from compare.irradiance import quad_view
-from compare.quadrature import integrate_light
-from compare.receivers import Receivers
+from compare.exact.image import BACKGROUND, exact_image
+from compare.exact.irradiance import quad_view
+from compare.exact.quadrature import integrate_light
+from compare.exact.receivers import Receivers
 from compare.scene import Plane, PointLight, QuadLight, Scene, Sphere, read_scene
 from tests.core import ffi, library
-from tests.test_kernel import random_scene
+from tests.test_estimator_packet import random_scene
 
 EPS, EPS_REAL = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
 LANES = 16
@@ -66,7 +66,7 @@ def scene_of(
 
 
 def hostile_scene(seed: int) -> Scene:
-    """test_kernel's random scene: nothing is kept apart."""
+    """test_estimator_packet's random scene: nothing is kept apart."""
     data = random_scene(seed)
     return scene_of(
         [(s["center"], s["radius"]) for s in data["spheres"]],

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from compare import metrics
-from compare.metrics import (
+from compare.measure import metrics
+from compare.measure.metrics import (
     MAPS,
     NUMBERS,
     MetricError,

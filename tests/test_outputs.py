@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare.image import Image, read_image, write_exr
+from compare.measure.image import Image, read_image, write_exr
 from tests.campaign import rounds
 from tests.conftest import ROOT
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.image import Image
+from compare.measure.image import Image
 from tests.conftest import built
 from tests.core import Core, core
-from tests.test_kernel import random_scene
+from tests.test_estimator_packet import random_scene
 
 PRECISIONS = ("float32", "float64")
 SAMPLERS = ("INDEPENDENT", "JITTERED", "SOBOL")
@@ -49,7 +49,7 @@ def test_images_of_both_precisions_differ_by_rounding(
     render: Callable[..., Image], scenes: Path
 ) -> None:
     """tp3, most of whose terms have conditions below 1e2: 1e-5. Shadow rays within rounding of
-    the sphere's edge fall on either side, in at most 1 of 2,000 (test_kernel.py)."""
+    the sphere's edge fall on either side, in at most 1 of 2,000 (test_estimator_packet.py)."""
     single, double = (
         render(scenes / "tp3.json", p, light_samples=16, width=90, height=60).radiance
         for p in PRECISIONS
@@ -156,7 +156,7 @@ class Terms:
         """(LANES, 3)"""
         result = self.double.ffi.new("EstimatePacket *")
         library = self.double.library
-        library.kernel_textbook(
+        library.packet_textbook(
             scene or self.scene, 0, hits or self.hits, self.points, library.SPREAD_AREA,
             self.stream, result,
         )  # fmt: skip
@@ -207,7 +207,7 @@ class Terms:
 def test_every_term_of_the_kernel_is_the_float64_textbooks(
     first_seed: int, precision: str, make_scene: Callable[..., Path]
 ) -> None:
-    """One light sample in each pixel, one light at a time, on test_kernel's random scenes: the
+    """One light sample in each pixel, one light at a time, on random scenes: the
     kernel's value, given the points that its rays met, lies between those that ROUNDINGS eps of
     the lengths involved allow around the exact value. Where rounding decides what the shadow ray
     meets, 0 is right too."""
@@ -235,7 +235,7 @@ def test_every_term_of_the_kernel_is_the_float64_textbooks(
                     )  # fmt: skip
                     result = single.ffi.new("EstimatePacket *")
                     points = point_set(single, sampler, 1)
-                    single.library.kernel_direct_lighting(
+                    single.library.packet_direct_lighting(
                         views[0], hits, 1, points, single.library.SPREAD_AREA, stream, result
                     )
                     value, truth = array(result.radiance), expected.textbook()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from compare.image import CHANNELS, Image, read_image
+from compare.measure.image import CHANNELS, Image, read_image
 from compare.scene import read_scene
 
 Render = Callable[..., Image]

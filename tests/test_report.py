@@ -22,8 +22,8 @@ import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
 import penumbra
-from compare.exact import exact_image
-from compare.image import Image, read_image, write_exr
+from compare.exact.image import exact_image
+from compare.measure.image import Image, read_image, write_exr
 from compare.scene import read_scene
 from report import figures
 from report.build import build

@@ -17,12 +17,12 @@ import pytest
 from scipy import stats
 
 import penumbra
-from compare import self_shadow
-from compare.exact import UMBRA, exact_image
-from compare.image import Image
-from compare.renderers import MissingProgramError
+from compare.exact.image import UMBRA, exact_image
+from compare.measure.image import Image
+from compare.run.renderers import MissingProgramError
 from compare.scene import read_scene
-from compare.self_shadow import (
+from compare.studies import self_shadow
+from compare.studies.self_shadow import (
     JUDGED,
     NOT_SENT,
     OTHER,

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.library import PRECISIONS
+from compare.run.library import PRECISIONS
 from tests.core import core, ffi, library
-from tests.test_kernel import random_scene
+from tests.test_estimator_packet import random_scene
 from tests.test_light_sample import f32, quad_light, vec3, xyz
 from tests.test_precision import SAMPLERS, array, packet_of, point_set, representable
 
@@ -111,7 +111,7 @@ def test_sixteen_points_at_a_time_are_the_textbook(
 ) -> None:
     """On random scenes, sample for sample. The lights' right angles are rounded to float32, and
     only one of the two keeps what they are off by: in float64, 1e-7 times a few. In float32 as in
-    tests/test_kernel.py, which says also what else may differ."""
+    tests/test_estimator_packet.py, which says also what else may differ."""
     c = core(precision)
     tolerance = 1e-6 if precision == "float64" else 1e-4
     differing = pixels = lit = 0
@@ -125,9 +125,9 @@ def test_sixteen_points_at_a_time_are_the_textbook(
                 stream = {"seed": 1, "pixel": int(rng.integers(1 << 30)), "pixel_sample": 0}
                 spread = c.library.SPREAD_SOLID_ANGLE
                 result, expected = (c.ffi.new("EstimatePacket *") for _ in range(2))
-                c.library.kernel_direct_lighting(scene, hits, 1, points, spread, stream, result)
+                c.library.packet_direct_lighting(scene, hits, 1, points, spread, stream, result)
                 for light in range(scene.nb_lights if hits.any_hit else 0):
-                    c.library.kernel_textbook(scene, light, hits, points, spread, stream, expected)
+                    c.library.packet_textbook(scene, light, hits, points, spread, stream, expected)
                 value, truth = array(result.radiance), array(expected.radiance)
                 differs = np.abs(value - truth) > tolerance * np.maximum(truth, 1e-3)
                 differing += differs.any(axis=-1).sum()

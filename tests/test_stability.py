@@ -14,14 +14,22 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from compare import yardstick
-from compare.exact import PENUMBRA, exact_image
-from compare.extremes import SWEEPS, Sweep, light_of_side, lit_floor, mirrored, scaled, translated
-from compare.image import Image
-from compare.library import PRECISIONS, Setting, WarmRenderer, names
-from compare.renderers import RendererError
+from compare.exact.image import PENUMBRA, exact_image
+from compare.measure.image import Image
+from compare.run.library import PRECISIONS, Setting, WarmRenderer, names
+from compare.run.renderers import RendererError
 from compare.scene import SceneError, read_scene
-from compare.stability import (
+from compare.studies import yardstick
+from compare.studies.extremes import (
+    SWEEPS,
+    Sweep,
+    light_of_side,
+    lit_floor,
+    mirrored,
+    scaled,
+    translated,
+)
+from compare.studies.stability import (
     LIGHT_SAMPLES,
     SEED,
     SUMS,
@@ -142,7 +150,7 @@ def test_sweep_is_finite_and_within_its_rounding(sweep: Sweep, tmp_path: Path) -
 
 
 def test_exact_estimator_stays_right_where_the_light_is_near(tmp_path: Path) -> None:
-    """Both precisions against compare.exact, before the light's middle, edge and corner, from 1 m
+    """Both precisions against the exact image, before the light's middle, edge and corner, from 1 m
     to 1e-7 m: a closed form has no small denominators. 32 eps of pi, the largest irradiance."""
     for name in ("distance", "edge", "corner"):
         sweep = next(s for s in SWEEPS if s.name == name)

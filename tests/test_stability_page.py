@@ -13,7 +13,7 @@ import pytest
 from markupsafe import Markup
 from playwright.sync_api import Page, sync_playwright
 
-from compare.stability import study
+from compare.studies.stability import study
 from report.build import TEMPLATES
 from report.inputs import ReportError
 from report.stability import CAUSES, power, signed_power, stability

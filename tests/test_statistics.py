@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from compare import statistics
-from compare.image import Image
-from compare.statistics import (
+from compare.measure import statistics
+from compare.measure.image import Image
+from compare.measure.statistics import (
     BiasTest,
     Estimate,
     StatisticsError,

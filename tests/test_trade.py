@@ -18,12 +18,12 @@ from markupsafe import Markup
 from playwright.sync_api import Page, sync_playwright
 
 import penumbra
-from compare import choice
-from compare.choice import answer, cheapest, frontier, need, trial, verdict_text
-from compare.image import Image, read_image
-from compare.library import Setting, WarmRenderer
+from compare.measure.image import Image, read_image
+from compare.run.library import Setting, WarmRenderer
 from compare.scene import read_scene
-from compare.trade import Study, median_interval, trade
+from compare.studies import choice
+from compare.studies.choice import answer, cheapest, frontier, need, trial, verdict_text
+from compare.studies.trade import Study, median_interval, trade
 from report import trade as report_trade
 from report.build import TEMPLATES
 from report.inputs import ReportError

@@ -11,7 +11,7 @@
 
 #include <jansson.h>
 
-#include "scene_json.h"
+#include "io/scene_json.h"
 
 /* A broken promise stops the fuzzer, which then saves the file. */
 static void expect(bool promise, const char *what)

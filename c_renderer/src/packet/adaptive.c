@@ -1,0 +1,148 @@
+#include "adaptive.h"
+
+#include <string.h>
+
+#define CONFIDENCE 2.0 /* standard errors of a 95% interval: Student's t at 63 degrees, 1.998 */
+
+enum { PILOT_DIMENSION = 1 << 20 }; /* added to a light's: numbers that the image does not use */
+
+/* Mean and variance of one sample, f_r L_e = 1, with two visible and two hidden samples added
+ * where a sphere or the horizon may hide some: of n that all saw the light, the next may not
+ * (Agresti and Coull's "plus four", The American Statistician 52(2), 1998). The variance of lanes
+ * that only look lit or hidden so far is then never 0. */
+typedef struct {
+    double mean[LANES], variance[LANES]; /* of the samples with their four companions */
+    double estimate[LANES];              /* the plain mean */
+    double count[LANES];                 /* samples with companions */
+} SampleMoments;
+
+static int may_be_hidden(const LightPacket *light, int lane)
+{
+    for (int k = 0; k < light->nb_occluders; k++)
+        if (light->sphere_x[k][lane] != 0 || light->sphere_y[k][lane] != 0 ||
+            light->sphere_h[k][lane] != 0)
+            return 1;
+    return 0;
+}
+
+static void sample_moments(const LightPacket *light, int count, RngStream first, uint32_t dimension,
+                           SampleMoments *moments)
+{
+    const PointSet points = {.sampler = SAMPLER_INDEPENDENT, .count = count};
+    const PointSet few = {.sampler = SAMPLER_INDEPENDENT, .count = ADAPTIVE_PILOT};
+    double sum[LANES] = {0}, squares[LANES] = {0}, all[LANES] = {0}, unused[LANES] = {0};
+    packet_sum(light, NULL, &points, first, dimension, sum, squares);
+    if (light->nb_occluders) {
+        LightPacket unhidden = *light;
+        unhidden.nb_occluders = 0;
+        packet_sum(&unhidden, NULL, &few, first, dimension + PILOT_DIMENSION, all, unused);
+    }
+    for (int i = 0; i < LANES; i++) {
+        double companion = 0;
+        if (may_be_hidden(light, i))
+            companion = all[i] / few.count;
+        else if (light->crosses_horizon && sum[i] > 0)
+            companion = squares[i] / sum[i]; /* what a sample above the horizon brings */
+        double companions = companion > 0 ? 4 : 0;
+        double n = count + companions;
+        double mean = (sum[i] + 2 * companion) / n;
+        double mean_square = (squares[i] + 2 * companion * companion) / n;
+        double scale = (double)light->scale[i], scatter = mean_square - mean * mean;
+        moments->estimate[i] = scale * sum[i] / count;
+        moments->mean[i] = scale * mean;
+        moments->variance[i] = scatter > 0 ? scale * scale * scatter : 0;
+        moments->count[i] = n;
+    }
+}
+
+static double grey(const HitPacket *hits, int lane, Rgb radiance)
+{
+    return ((double)hits->brdf.r[lane] * (double)radiance.r +
+            (double)hits->brdf.g[lane] * (double)radiance.g +
+            (double)hits->brdf.b[lane] * (double)radiance.b) /
+           3;
+}
+
+/* Samples for each light that the neediest lane of the packet takes. */
+static int needed_samples(const Scene *scene, const HitPacket *hits, const Target *target,
+                          RngStream first)
+{
+    double mean[LANES] = {0}, variance[LANES] = {0};
+    for (int l = 0; l < scene->nb_lights; l++) {
+        const Light *light = &scene->lights[l];
+        if (light->type != LIGHT_QUAD)
+            continue; /* one ray tells all */
+        LightPacket packet;
+        Seen seen = light_packet_see(scene, &light->shape.quad, hits, &packet);
+        if (seen == SEEN_STRANGE)
+            return target->max_light_samples;
+        if (seen == SEEN_NOT)
+            continue;
+        SampleMoments moments;
+        sample_moments(&packet, ADAPTIVE_PILOT, first, (uint32_t)l + 1 + 2 * PILOT_DIMENSION,
+                       &moments);
+        for (int i = 0; i < LANES; i++) {
+            double weight = grey(hits, i, light->shape.quad.radiance);
+            mean[i] += weight * moments.mean[i];
+            variance[i] += weight * weight * moments.variance[i];
+        }
+    }
+    double most = 2;
+    for (int i = 0; i < LANES; i++) {
+        double error = target->relative_error * mean[i] / CONFIDENCE;
+        double needed = variance[i] > 0 ? variance[i] / (error * error) : 0;
+        most = needed > most ? needed : most;
+    }
+    double chunks = ceil(fmin(most, target->max_light_samples) / ADAPTIVE_PILOT);
+    return (int)fmin(chunks * ADAPTIVE_PILOT, target->max_light_samples);
+}
+
+static void add_quad(const LightPacket *packet, Rgb radiance, const HitPacket *hits, int count,
+                     RngStream first, uint32_t dimension, EstimatePacket *result)
+{
+    SampleMoments moments;
+    sample_moments(packet, count, first, dimension, &moments);
+    for (int i = 0; i < LANES; i++) {
+        real mean = real_finite((real)moments.estimate[i]);
+        real variance = real_finite((real)(moments.variance[i] / moments.count[i]));
+        real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
+             b = hits->brdf.b[i] * radiance.b;
+        result->radiance.r[i] += r * mean;
+        result->radiance.g[i] += g * mean;
+        result->radiance.b[i] += b * mean;
+        result->variance.r[i] += r * (r * variance);
+        result->variance.g[i] += g * (g * variance);
+        result->variance.b[i] += b * (b * variance);
+    }
+}
+
+void adaptive_direct_lighting(const Scene *scene, const HitPacket *hits, const Target *target,
+                              RngStream first, EstimatePacket *result, AdaptivePacket *spent)
+{
+    memset(result, 0, sizeof *result);
+    memset(spent, 0, sizeof *spent);
+    const int count = hits->any_hit ? needed_samples(scene, hits, target, first) : 0;
+    const PointSet points = {.sampler = SAMPLER_INDEPENDENT, .count = count};
+    for (int l = 0; l < scene->nb_lights && hits->any_hit; l++) {
+        const Light *light = &scene->lights[l];
+        LightPacket packet;
+        Seen seen = SEEN_STRANGE;
+        if (light->type == LIGHT_QUAD)
+            seen = light_packet_see(scene, &light->shape.quad, hits, &packet);
+        if (seen == SEEN_SAMPLED)
+            add_quad(&packet, light->shape.quad.radiance, hits, count, first, (uint32_t)l + 1,
+                     result);
+        else if (seen == SEEN_STRANGE)
+            packet_textbook(scene, l, hits, &points, SPREAD_AREA, first, result);
+    }
+    for (int i = 0; i < LANES; i++) {
+        int hit = hits->object[i] != SCENE_NOTHING;
+        double value = (double)result->radiance.r[i] + (double)result->radiance.g[i] +
+                       (double)result->radiance.b[i];
+        /* the channels of one light vary together: the errors add up, not their squares */
+        double error = sqrt((double)result->variance.r[i]) + sqrt((double)result->variance.g[i]) +
+                       sqrt((double)result->variance.b[i]);
+        spent->light_samples[i] = hit ? count + ADAPTIVE_PILOT : 0;
+        spent->reached[i] = CONFIDENCE * error <= target->relative_error * value;
+    }
+}

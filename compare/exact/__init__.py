@@ -1,0 +1,1 @@
+"""The exact image, in closed form. It owes nothing to C."""

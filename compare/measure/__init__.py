@@ -1,0 +1,1 @@
+"""Images, distances between them, statistics and verdicts."""

@@ -1,0 +1,1 @@
+"""Renderers as commands, the C library, provenance and journals."""

@@ -1,0 +1,1 @@
+"""What is measured over many renders: convergence, trade, stability, self-shadowing, speed-up."""
