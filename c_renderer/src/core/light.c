@@ -56,6 +56,10 @@ LightSample light_sample(const Light *light, Vec3 point, Uniform2 random)
         return point_light_sample(&light->shape.point, point);
     case LIGHT_QUAD:
         return quad_light_sample(&light->shape.quad, point, random);
+    case LIGHT_DISK:
+    case LIGHT_TRIANGLE:
+    case LIGHT_SPHERE:
+        break;
     }
     return (LightSample){0};
 }

@@ -7,7 +7,7 @@
 #include "rng.h"
 #include "vec3.h"
 
-typedef enum { LIGHT_POINT, LIGHT_QUAD } LightType;
+typedef enum { LIGHT_POINT, LIGHT_QUAD, LIGHT_DISK, LIGHT_TRIANGLE, LIGHT_SPHERE } LightType;
 
 typedef struct {
     Vec3 position;         /* [m] */
@@ -24,11 +24,40 @@ typedef struct {
     Rgb radiance;        /* [W m^-2 sr^-1] */
 } QuadLight;
 
+/* It emits on the side that -normal faces, and only there. */
+typedef struct {
+    Vec3 center; /* [m] */
+    Vec3 normal; /* unit */
+    real radius; /* [m] */
+    real area;   /* pi radius^2 [m^2] */
+    Rgb radiance;
+} DiskLight;
+
+/* The half corner + s * edge_u + t * edge_v, s + t <= 1, of a parallelogram, one-sided like it. */
+typedef struct {
+    Vec3 corner;         /* [m] */
+    Vec3 edge_u, edge_v; /* [m] */
+    Vec3 normal;         /* normalize(u x v) */
+    real area;           /* |u x v| / 2 [m^2] */
+    Rgb radiance;
+} TriangleLight;
+
+/* It emits outwards, all around. */
+typedef struct {
+    Vec3 center; /* [m] */
+    real radius; /* [m] */
+    real area;   /* 4 pi radius^2 [m^2] */
+    Rgb radiance;
+} SphereLight;
+
 typedef struct {
     LightType type;
     union {
         PointLight point;
         QuadLight quad;
+        DiskLight disk;
+        TriangleLight triangle;
+        SphereLight sphere;
     } shape;
 } Light;
 

@@ -297,6 +297,10 @@ Rgb exact_light(const Scene *scene, int light, const Hit *hit)
         const double irradiance = irradiance_quad(scene, quad, hit, NULL);
         return rgb_scale(rgb_mul(hit->brdf, quad->radiance), (real)irradiance);
     }
+    case LIGHT_DISK:
+    case LIGHT_TRIANGLE:
+    case LIGHT_SPHERE:
+        break;
     }
     return (Rgb){0, 0, 0};
 }

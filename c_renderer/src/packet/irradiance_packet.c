@@ -414,6 +414,10 @@ void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket 
                 radiance->b[i] = real_finite(radiance->b[i] + lighting.b);
             }
             break;
+        case LIGHT_DISK:
+        case LIGHT_TRIANGLE:
+        case LIGHT_SPHERE:
+            break;
         case LIGHT_QUAD:
             irradiance_packet(scene, &light->shape.quad, hits, irradiance);
             SIMD for (int i = 0; i < LANES; i++)
