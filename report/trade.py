@@ -29,7 +29,7 @@ TRADE = Input(
 )
 COLOURS = {"independent": "#0072b2", "jittered": "#009e73", "sobol": "#c2528b"}
 CYCLES_COLOUR, OTHER_COLOUR = "#d55e00", "#222222"
-SHAPES = {"area": "circle", "textbook": "triangle", "solid-angle": "diamond", "hybrid": "square"}
+SHAPES = {"area": "circle", "textbook": "triangle", "solid-angle": "diamond"}
 OTHER_SHAPE = "star"
 FRACTIONS = {-0.5: "−1/2", -0.75: "−3/4", -1.0: "−1", -1.5: "−3/2"}
 SLOPE_REGIONS = ("lit", "penumbra", "all")

@@ -212,20 +212,6 @@ class CScene:
         assert not any(result[len(receivers) :])
         return np.array(result[: len(receivers)])
 
-    def plain_irradiance(self, light: int, receivers: Receivers) -> tuple[np.ndarray, np.ndarray]:
-        """irradiance_packet_of_plain's values, and whether they are known."""
-        result, flags = [], []
-        value, known = ffi.new("double[16]"), ffi.new("int[16]")
-        for packet in self.packets(receivers):
-            left = library().irradiance_packet_of_plain(
-                self.scene, self.quad(light), packet, value, known
-            )
-            assert left == LANES - sum(known)
-            result += list(value)
-            flags += list(known)
-        n = len(receivers)
-        return np.array(result[:n]), np.array(flags[:n], dtype=bool)
-
 
 def without_objects(scene: Scene, light: int, receivers: Receivers) -> np.ndarray:
     """What the light would give if nothing but the horizon stood before it."""
@@ -264,10 +250,6 @@ def assert_packets_agree(scene: Scene, light: int, receivers: Receivers) -> None
     tolerance = 64 * bound + 8 * EPS / max(sine_squared, 1e-7) * bare
     by_packet = core.irradiance_by_packet(light, receivers)
     assert (np.abs(by_packet - value) <= tolerance).all()
-
-    plain, known = core.plain_irradiance(light, receivers)
-    assert (plain[known] == by_packet[known]).all()
-    assert (np.abs(plain - bare) <= tolerance)[known & (plain > 0)].all()
 
 
 # ---- against the Python solution

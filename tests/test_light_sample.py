@@ -35,6 +35,13 @@ def quad_light(corner: Any, u: Any, v: Any, radiance: Any = (40, 30, 20)) -> Any
     return light
 
 
+def draw(light: Any, point: Any, random: Any, spread: str = "SPREAD_AREA") -> Any:
+    """A LightSample of a light as a point sees it."""
+    sampler = ffi.new("LightSampler *")
+    library().light_sampler_create(sampler, light, vec3(point), getattr(library(), spread))
+    return library().light_sampler_draw(sampler, random)
+
+
 def vec3(v: Any) -> dict[str, float]:
     return {"x": float(v[0]), "y": float(v[1]), "z": float(v[2])}
 
@@ -80,7 +87,7 @@ def test_quad_sample_follows_steps_a_to_d(
     delta = 4 * EPS * size / d
     assume(abs(cos_light) > 8 * delta)
 
-    sample = library().light_sample(quad_light(corner, u, v), vec3(point), {"x": s, "y": t})
+    sample = draw(quad_light(corner, u, v), point, {"x": s, "y": t})
     assert np.abs(xyz(sample.direction) - to_light / d).max() < 2 * delta
     assert sample.distance == pytest.approx(d, rel=2 * delta)
     if cos_light < 0:
@@ -97,7 +104,7 @@ def test_area_of_a_sheared_quad_is_the_norm_of_the_cross_product() -> None:
     """u = (2, 0, 0), v = (2, 0, 1): |u x v| = 2, whereas |u| |v| = 4.47 (most students' area).
     From straight below a point of it at d = 1, cos = 1: pdf = 1 / 2."""
     light = quad_light([0, 1, 0], [-2, 0, 0], [-2, 0, 1])
-    sample = library().light_sample(light, vec3([-2, 0, 0.5]), {"x": 0.5, "y": 0.5})
+    sample = draw(light, [-2, 0, 0.5], {"x": 0.5, "y": 0.5})
     assert sample.pdf_solid_angle == pytest.approx(1 / 2, rel=4 * EPS)
 
 
@@ -109,7 +116,7 @@ def test_mean_of_inverse_pdf_is_the_solid_angle() -> None:
     inverse = []
     for sample in range(40_000):
         random = library().rng_uniform2({"seed": 5, "pixel": 0, "pixel_sample": 0}, sample, 1)
-        inverse.append(1 / library().light_sample(light, vec3([0, 0, 0]), random).pdf_solid_angle)
+        inverse.append(1 / draw(light, [0, 0, 0], random).pdf_solid_angle)
     standard_error = np.std(inverse) / np.sqrt(len(inverse))
     assert abs(np.mean(inverse) - 4 * np.pi / 6) < 4 * standard_error
 
@@ -118,7 +125,7 @@ def test_mean_of_inverse_pdf_is_the_solid_angle() -> None:
 def test_no_light_behind_in_the_plane_or_on_the_corner_of_a_quad(point: list[float]) -> None:
     light = quad_light([1, 1, -1], [-2, 0, 0], [0, 0, 2])
     for random in ({"x": 0, "y": 0}, {"x": 0.5, "y": 0.5}):
-        sample = library().light_sample(light, vec3(point), random)
+        sample = draw(light, point, random)
         assert (sample.radiance.r, sample.pdf_solid_angle) == (0, 0)
 
 
@@ -130,7 +137,7 @@ def test_point_light_falls_off_with_distance_squared() -> None:
         "position": vec3([0, 3, 0]),
         "radiant_intensity": {"r": 100, "g": 50, "b": 0},
     }
-    sample = library().light_sample(light, vec3([0, 1, 0]), {"x": 0.3, "y": 0.7})
+    sample = draw(light, [0, 1, 0], {"x": 0.3, "y": 0.7})
     assert (sample.radiance.r, sample.radiance.g, sample.radiance.b) == (25, 12.5, 0)
     assert (sample.distance, sample.pdf_solid_angle) == (2, 1)
     assert xyz(sample.direction).tolist() == [0, 1, 0]

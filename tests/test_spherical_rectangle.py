@@ -12,7 +12,7 @@ import pytest
 from compare.run.library import PRECISIONS
 from tests.core import core, ffi, library
 from tests.test_estimator_packet import random_scene
-from tests.test_light_sample import f32, quad_light, vec3, xyz
+from tests.test_light_sample import draw, f32, quad_light, vec3, xyz
 from tests.test_precision import SAMPLERS, array, packet_of, point_set, representable
 
 UNIFORM = np.random.default_rng(0).random((4000, 2))
@@ -69,12 +69,13 @@ def test_directions_are_even_over_the_solid_angle(seed: int) -> None:
     """The share of directions that falls on the rectangle's first quarter (s, t < 1/2) is its
     share p of the solid angle: of n = 4,000, within 4 standard errors sqrt(p (1 - p) / n)."""
     corner, u, v, point = random_rectangle(seed + 100)
-    rect, quad, usable = rectangle(corner, u, v, point)
+    light = quad_light(corner, u, v, (1, 1, 1))
+    rect, _, usable = rectangle(corner, u, v, point)
     if not usable:
         pytest.fail("choose seeds whose rectangles are seen large enough")
     inside = []
     for x, y in UNIFORM:
-        sample = library().spherical_rectangle_light_sample(rect, quad, {"x": x, "y": y})
+        sample = draw(light, point, {"x": x, "y": y}, "SPREAD_SOLID_ANGLE")
         place = point + xyz(sample.direction) * sample.distance - corner
         s, t = place @ u / (u @ u), place @ v / (v @ v)
         slack = 1e-4 + 1e-5 * np.linalg.norm(corner - point) / min(map(np.linalg.norm, (u, v)))

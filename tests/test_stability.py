@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from compare.exact.image import PENUMBRA, exact_image
+from compare.exact.image import exact_image
 from compare.measure.image import Image
 from compare.run.library import PRECISIONS, Setting, WarmRenderer, names
 from compare.run.renderers import RendererError
@@ -373,28 +373,6 @@ def test_pixels_too_near_a_light_are_counted_and_solid_angle_trusts_them(tmp_pat
             assert row["relative_rmse"] < 0.08, row
         else:
             assert (row["relative_rmse"] > 0.14 * 0.9) == near, row
-
-
-@pytest.mark.parametrize(("height", "radius"), [(0.004, 0.0015), (3e-6, 1e-6)])
-def test_hybrid_trusts_what_it_knows_next_to_what_it_samples(
-    height: float, radius: float, render: Render, tmp_path: Path
-) -> None:
-    """A ball beside a low light hides some of it from the floor beyond. Only there hybrid counts
-    pixels: those, and some that do not surely see it whole. The others are exact with a single
-    sample, though rendered together with them; under the lower light by the textbook's loop."""
-    ball = ((0.125, radius, 0.05), radius)
-    scene = lit_floor((0.12, height, 0.03), (-0.04, 0, 0), (0, 0, 0.04), spheres=[ball])
-    file = write(scene, tmp_path)
-    exact = exact_image(read_scene(file))
-    counts, images = {}, {}
-    for estimator in ("area", "hybrid"):
-        images[estimator] = render(file, estimator=estimator, light_samples=1, seed=1)
-        counts[estimator] = int(images[estimator].attributes["untrustedPixels"])
-    partly = exact.shadow == PENUMBRA
-    assert 0 < partly.sum() <= counts["hybrid"] < counts["area"]
-    error = np.abs(images["hybrid"].radiance - exact.radiance)
-    wrong = (error > 1e-3 * exact.radiance).any(axis=2)  # float32: 3e-4 at most, by an edge
-    assert (wrong & partly).any() and wrong.sum() <= counts["hybrid"]
 
 
 def test_untrusted_pixels_are_said_on_stderr(renderer: Path, tmp_path: Path) -> None:

@@ -301,7 +301,9 @@ static void judge(const Scene *scene, Ray camera_ray, Uniform2 random, signed ch
     Hit hit = scene_hit(scene, camera_ray);
     if (hit.object == SCENE_NOTHING)
         return;
-    LightSample sample = light_sample(&scene->lights[0], hit.point, random);
+    LightSampler sampler;
+    light_sampler_create(&sampler, &scene->lights[0], hit.point, SPREAD_AREA);
+    LightSample sample = light_sampler_draw(&sampler, random);
     if (sample.pdf_solid_angle <= 0 || vec3_dot(hit.normal, sample.direction) <= 0)
         return;
     const QuadLight *light = &scene->lights[0].shape.quad;

@@ -1,9 +1,7 @@
 #include "estimator.h"
 
-#include "spherical_rectangle.h"
-
-/* f_r * (L_e / p) * cos * V: what one shadow ray brings.     docs/estimator.md, eq. 5 */
-static Rgb contribution(const Scene *scene, const Hit *hit, LightSample sample)
+/* f_r * (L_e / p) * cos * V     docs/estimator.md, eq. 5 */
+Rgb shadow_ray_radiance(const Scene *scene, const Hit *hit, LightSample sample)
 {
     real cos_surface = vec3_dot(hit->normal, sample.direction);
     if (cos_surface <= 0 || sample.pdf_solid_angle <= 0)
@@ -16,39 +14,18 @@ static Rgb contribution(const Scene *scene, const Hit *hit, LightSample sample)
     return rgb_finite(rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface));
 }
 
-/* The same loop with points spread over the solid angle; by area where that cannot be done. */
-static Estimate rectangle_estimate(const Scene *scene, int light, const Hit *hit,
-                                   const PointSet *points, RngStream stream)
-{
-    const QuadLight *from = &scene->lights[light].shape.quad;
-    if (vec3_dot(from->normal, vec3_sub(from->corner, hit->point)) <= 0)
-        return (Estimate){{0, 0, 0}, {0, 0, 0}};
-    SphericalRectangle rectangle;
-    if (!spherical_rectangle_create(&rectangle, from, hit->point))
-        return light_estimate(scene, light, hit, points, SPREAD_AREA, stream);
-
-    Moments moments = {0};
-    for (int s = 0; s < points->count; s++) {
-        Uniform2 random = point_set_get(points, stream, (uint32_t)s, (uint32_t)light + 1);
-        LightSample sample = spherical_rectangle_light_sample(&rectangle, from, random);
-        moments_add(&moments, contribution(scene, hit, sample));
-    }
-    return moments_estimate(&moments);
-}
-
 Estimate light_estimate(const Scene *scene, int light, const Hit *hit, const PointSet *points,
                         Spread spread, RngStream stream)
 {
-    const Light *from = &scene->lights[light];
-    if (spread == SPREAD_SOLID_ANGLE && from->type == LIGHT_QUAD)
-        return rectangle_estimate(scene, light, hit, points, stream);
-    int nb_samples = light_is_surface(from) ? points->count : 1;
+    LightSampler sampler;
+    light_sampler_create(&sampler, &scene->lights[light], hit->point, spread);
+    const int nb_samples = light_is_surface(sampler.light) ? points->count : 1;
 
     Moments moments = {0};
     for (int s = 0; s < nb_samples; s++) {
         Uniform2 random = point_set_get(points, stream, (uint32_t)s, (uint32_t)light + 1);
-        LightSample sample = light_sample(from, hit->point, random);
-        moments_add(&moments, contribution(scene, hit, sample));
+        LightSample sample = light_sampler_draw(&sampler, random);
+        moments_add(&moments, shadow_ray_radiance(scene, hit, sample));
     }
     return moments_estimate(&moments);
 }

@@ -11,9 +11,8 @@ typedef struct {
     Rgb variance; /* of that mean, from the scatter of its samples; 0 where there is but one */
 } Estimate;
 
-/* How a quad light's points are spread: evenly over its area (the lab's), or evenly over the
- * directions that it covers. */
-typedef enum { SPREAD_AREA, SPREAD_SOLID_ANGLE } Spread;
+/* What one shadow ray brings: f_r (L_e / p) cos V. */
+Rgb shadow_ray_radiance(const Scene *scene, const Hit *hit, LightSample sample);
 
 /* The lab's DirectLightingIntegrator::Li after the hit is known: the sum over all lights. */
 Estimate direct_lighting(const Scene *scene, const Hit *hit, const PointSet *points, Spread spread,

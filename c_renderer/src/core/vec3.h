@@ -17,6 +17,8 @@ typedef float real;
 #define REAL_MAX FLT_MAX
 #endif
 
+#define PI 3.14159265358979323846
+
 typedef struct {
     real x, y, z;
 } Vec3;
@@ -51,11 +53,34 @@ static inline real vec3_dot(Vec3 a, Vec3 b)
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
+static inline Vec3 vec3_cross(Vec3 a, Vec3 b)
+{
+    return (Vec3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+static inline real vec3_length(Vec3 a)
+{
+    return sqrt(vec3_dot(a, a));
+}
+
+/* A unit vector across another one: Duff et al., "Building an orthonormal basis, revisited", JCGT
+ * 6(1), 2017. */
+static inline Vec3 vec3_across(Vec3 unit)
+{
+    real sign = unit.z < 0 ? (real)-1 : (real)1, a = -1 / (sign + unit.z);
+    return (Vec3){1 + sign * unit.x * unit.x * a, sign * unit.x * unit.y * a, -sign * unit.x};
+}
+
 /* The zero vector stays zero: beside the square of a scene's lengths, 1e-9 m and more, FLT_MIN is
  * lost. */
 static inline Vec3 vec3_normalize(Vec3 a)
 {
     return vec3_scale(a, 1 / sqrt(vec3_dot(a, a) + FLT_MIN));
+}
+
+static inline real real_positive(real a)
+{
+    return a > 0 ? a : 0;
 }
 
 /* What is too large for a number is the largest one: Inf times 0, a black surface's, would be NaN.

@@ -3,10 +3,9 @@
 #include <float.h>
 #include <stddef.h>
 
+#include "core/estimator.h"
 #include "outline.h"
 #include "quadrature.h"
-
-static const double PI = 3.14159265358979323846;
 
 /* Rounding error per radian of boundary: measured, docs/exact.md. */
 static const double ROUNDING = 16 * DBL_EPSILON;
@@ -278,12 +277,9 @@ double irradiance_quad(const Scene *scene, const QuadLight *light, const Hit *hi
 
 static Rgb point_light(const Scene *scene, const Light *light, const Hit *hit)
 {
-    LightSample sample = light_sample(light, hit->point, (Uniform2){0, 0});
-    real cos_surface = vec3_dot(hit->normal, sample.direction);
-    Ray shadow_ray = {hit->point, sample.direction};
-    if (cos_surface <= 0 || scene_occluded(scene, shadow_ray, sample.distance, hit->object))
-        return (Rgb){0, 0, 0};
-    return rgb_finite(rgb_scale(rgb_mul(hit->brdf, sample.radiance), cos_surface));
+    LightSampler sampler;
+    light_sampler_create(&sampler, light, hit->point, SPREAD_AREA);
+    return shadow_ray_radiance(scene, hit, light_sampler_draw(&sampler, (Uniform2){0, 0}));
 }
 
 Rgb exact_light(const Scene *scene, int light, const Hit *hit)

@@ -6,8 +6,6 @@ enum {
     MAX_PANELS = 4000 /* of one point: more are noise, not shape */
 };
 
-static const double PI = 3.14159265358979323846;
-
 /* Of the whole, for each panel. Where an unknown kink is in it the two rules may agree by accident:
  * an error R times the tolerance is then left in about one case of R. So the tolerance is far
  * below the least error that is promised. */

@@ -7,8 +7,7 @@
 #include "packet/adaptive.h"
 
 const char *const RENDER_SAMPLER_NAMES[3] = {"independent", "jittered", "sobol"};
-const char *const RENDER_ESTIMATOR_NAMES[5] = {"area", "textbook", "solid-angle", "hybrid",
-                                               "exact"};
+const char *const RENDER_ESTIMATOR_NAMES[4] = {"area", "textbook", "solid-angle", "exact"};
 
 /* The image being made, and what it is made from. */
 typedef struct {
@@ -152,8 +151,6 @@ static void stretch_radiance(const Job *job, Stretch *stretch)
                                      &stretch->spent[p]);
         else if (settings->estimator == ESTIMATOR_EXACT)
             packet_exact_lighting(job->scene, &hits[p], estimate);
-        else if (settings->estimator == ESTIMATOR_HYBRID)
-            packet_hybrid_lighting(job->scene, &hits[p], job->points, first, estimate);
         show_background(job->scene->background, &hits[p], estimate);
     }
 }

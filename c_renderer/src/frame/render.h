@@ -9,11 +9,10 @@
 #include "core/scene.h"
 
 typedef enum {
-    ESTIMATOR_AREA,        /* the lab's: uniform points on the light; sixteen pixels at a time */
-    ESTIMATOR_TEXTBOOK,    /* the same, one pixel at a time, as it is taught */
-    ESTIMATOR_SOLID_ANGLE, /* points spread evenly over the solid angle of rectangles */
-    ESTIMATOR_HYBRID,      /* area where a light is partly hidden, the closed form elsewhere */
-    ESTIMATOR_EXACT        /* no samples: the closed form, or quadrature where there is none */
+    ESTIMATOR_AREA,     /* the lab's: uniform points on the light; sixteen pixels at a time */
+    ESTIMATOR_TEXTBOOK, /* the same, one pixel at a time, as it is taught */
+    ESTIMATOR_SOLID_ANGLE, /* points spread evenly over the solid angle, where a light has such (light.h) */
+    ESTIMATOR_EXACT /* no samples: the closed form */
 } Estimator;
 
 typedef struct {
@@ -28,7 +27,7 @@ typedef struct {
 
 /* What the command line and the image's header call them, in the enums' order. */
 extern const char *const RENDER_SAMPLER_NAMES[3];
-extern const char *const RENDER_ESTIMATOR_NAMES[5];
+extern const char *const RENDER_ESTIMATOR_NAMES[4];
 
 /* Called now and then from one of the threads; may be NULL. */
 typedef void RenderProgress(int rows_done, int rows, void *user);

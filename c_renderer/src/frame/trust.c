@@ -1,112 +1,78 @@
 #include "trust.h"
 
-#include "core/spherical_rectangle.h"
-#include "exact/vec3d.h"
-#include "packet/irradiance_packet.h"
-
-static const double PI = 3.14159265358979323846;
-
-static double distance_to_segment(Vec3d from, Vec3d start, Vec3d edge)
-{
-    Vec3d offset = vec3d_sub(from, start);
-    double t = vec3d_dot(offset, edge) / vec3d_dot(edge, edge);
-    t = fmin(fmax(t, 0), 1);
-    return vec3d_length(vec3d_sub(offset, vec3d_scale(edge, t)));
-}
-
-static double distance_to_quad(const QuadLight *light, Vec3d point)
-{
-    const Vec3d u = vec3d_from(light->edge_u), v = vec3d_from(light->edge_v);
-    const Vec3d corner = vec3d_from(light->corner), n = vec3d_unit(vec3d_cross(u, v));
-    const Vec3d offset = vec3d_sub(point, corner);
-    /* offset = s u + t v + height n */
-    const Vec3d across_u = vec3d_cross(n, u), across_v = vec3d_cross(v, n);
-    const double s = vec3d_dot(offset, across_v) / vec3d_dot(u, across_v);
-    const double t = vec3d_dot(offset, across_u) / vec3d_dot(v, across_u);
-    if (s >= 0 && s <= 1 && t >= 0 && t <= 1)
-        return fabs(vec3d_dot(offset, n));
-    return fmin(fmin(distance_to_segment(point, corner, u), distance_to_segment(point, corner, v)),
-                fmin(distance_to_segment(point, vec3d_add(corner, v), u),
-                     distance_to_segment(point, vec3d_add(corner, u), v)));
-}
-
-double trust_distance(const QuadLight *light, Vec3 point)
-{
-    const Vec3d to_corner = vec3d_sub(vec3d_from(light->corner), vec3d_from(point));
-    if (vec3d_dot(vec3d_from(light->normal), to_corner) <= 0)
-        return INFINITY;
-    return distance_to_quad(light, vec3d_from(point));
-}
+#include "core/light.h"
 
 /* Nearer than this, a spot gets too few samples: N pi d^2 / A = TRUST_SPOT_SAMPLES. */
-static double least_distance(const QuadLight *light, double samples)
+static double least_distance(const Light *light, double samples)
 {
-    return sqrt(TRUST_SPOT_SAMPLES * (double)light->area / (PI * samples));
+    return sqrt(TRUST_SPOT_SAMPLES * (double)light_area(light) / (PI * samples));
+}
+
+/* Heights of the light's lowest and highest point along a direction [m]. */
+static void extent(const Light *light, Vec3 direction, double *low, double *high)
+{
+    *high = (double)light_highest(light, direction);
+    *low = -(double)light_highest(light, vec3_scale(direction, -1));
+}
+
+/* The farthest that a place of the light may be from the point [m]. */
+static double farthest(const Light *light, Vec3 point)
+{
+    const Vec3 axis[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    double squared = 0;
+    for (int k = 0; k < 3; k++) {
+        double low, high;
+        extent(light, axis[k], &low, &high);
+        const double at = (double)vec3_dot(axis[k], point), reach = fmax(high - at, at - low);
+        squared += reach * reach;
+    }
+    return sqrt(squared);
 }
 
 /* Whether any surface comes so near: most scenes need no look at their pixels. */
-static bool any_surface_within(const Scene *scene, const QuadLight *light, double distance)
+static bool any_surface_within(const Scene *scene, const Light *light, double distance)
 {
-    const Vec3d corner = vec3d_from(light->corner);
-    const Vec3d u = vec3d_from(light->edge_u), v = vec3d_from(light->edge_v);
     for (int i = 0; i < scene->nb_spheres; i++) {
         const Sphere *sphere = &scene->spheres[i];
         const double radius = (double)sphere->radius;
-        const double to_center = distance_to_quad(light, vec3d_from(sphere->center));
-        const double reach = vec3d_length(u) + vec3d_length(v); /* of the light */
-        if (to_center - radius <= distance && to_center + reach >= radius - distance)
+        if ((double)light_distance(light, sphere->center) - radius <= distance &&
+            farthest(light, sphere->center) >= radius - distance)
             return true;
     }
     for (int i = 0; i < scene->nb_planes; i++) {
-        const Vec3d n = vec3d_from(scene->planes[i].normal);
-        const double height = vec3d_dot(n, vec3d_sub(corner, vec3d_from(scene->planes[i].point)));
-        const double along_u = vec3d_dot(n, u), along_v = vec3d_dot(n, v);
-        const double low = height + fmin(along_u, 0) + fmin(along_v, 0);
-        const double high = height + fmax(along_u, 0) + fmax(along_v, 0);
-        if (low <= distance && high >= -distance)
+        const Plane *plane = &scene->planes[i];
+        const double height = (double)vec3_dot(plane->normal, plane->point);
+        double low, high;
+        extent(light, plane->normal, &low, &high);
+        if (low - height <= distance && high - height >= -distance)
             return true;
     }
     return false;
 }
 
-static bool is_black(Rgb radiance)
+static bool may_have_spots(const Light *light)
 {
-    return radiance.r <= 0 && radiance.g <= 0 && radiance.b <= 0;
+    const Rgb radiance = light_radiance(light);
+    return light_is_surface(light) && (radiance.r > 0 || radiance.g > 0 || radiance.b > 0);
 }
 
-/* Whether ESTIMATOR_HYBRID takes the light's closed form there. */
-static bool is_known(const Scene *scene, const QuadLight *light, const Hit *hit)
+/* Samples that are spread over the solid angle have no spot, however near the light is. */
+static bool has_spot(Estimator estimator, const Light *light, const Hit *hit)
 {
-    HitPacket hits = {.any_hit = true};
-    double irradiance[LANES];
-    int known[LANES];
-    for (int i = 0; i < LANES; i++)
-        hits.object[i] = SCENE_NOTHING;
-    hits.object[0] = hit->object;
-    hits.point.x[0] = hit->point.x, hits.normal.x[0] = hit->normal.x;
-    hits.point.y[0] = hit->point.y, hits.normal.y[0] = hit->normal.y;
-    hits.point.z[0] = hit->point.z, hits.normal.z[0] = hit->normal.z;
-    irradiance_packet_of_plain(scene, light, &hits, irradiance, known);
-    return known[0];
-}
-
-/* Whether so near a light has no spot: its samples are spread over the solid angle, or none. */
-static bool has_no_spot(const Scene *scene, Estimator estimator, const QuadLight *light,
-                        const Hit *hit)
-{
-    SphericalRectangle rectangle;
-    if (estimator == ESTIMATOR_SOLID_ANGLE)
-        return spherical_rectangle_create(&rectangle, light, hit->point);
-    return estimator == ESTIMATOR_HYBRID && is_known(scene, light, hit);
+    LightSampler sampler;
+    if (estimator != ESTIMATOR_SOLID_ANGLE)
+        return true;
+    light_sampler_create(&sampler, light, hit->point, SPREAD_SOLID_ANGLE);
+    return sampler.spread == SPREAD_AREA;
 }
 
 static bool is_untrusted(const Scene *scene, Estimator estimator, const Hit *hit, double samples)
 {
     for (int i = 0; i < scene->nb_lights; i++) {
-        const QuadLight *light = &scene->lights[i].shape.quad;
-        if (scene->lights[i].type == LIGHT_QUAD && !is_black(light->radiance) &&
-            trust_distance(light, hit->point) < least_distance(light, samples) &&
-            !has_no_spot(scene, estimator, light, hit))
+        const Light *light = &scene->lights[i];
+        if (may_have_spots(light) && light_shines_on(light, hit->point) &&
+            (double)light_distance(light, hit->point) < least_distance(light, samples) &&
+            has_spot(estimator, light, hit))
             return true;
     }
     return false;
@@ -118,8 +84,8 @@ int trust_untrusted_pixels(const Scene *scene, const RenderSettings *settings, i
     const double samples = (double)light_samples * settings->samples_per_pixel;
     bool any = false;
     for (int i = 0; i < scene->nb_lights && settings->estimator != ESTIMATOR_EXACT; i++) {
-        const QuadLight *light = &scene->lights[i].shape.quad;
-        any |= scene->lights[i].type == LIGHT_QUAD && !is_black(light->radiance) &&
+        const Light *light = &scene->lights[i];
+        any |= may_have_spots(light) &&
                any_surface_within(scene, light, least_distance(light, samples));
     }
     if (!any)

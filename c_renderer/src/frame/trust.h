@@ -10,11 +10,8 @@
  * samples that happened to come: docs/stability.md. */
 enum { TRUST_SPOT_SAMPLES = 16 };
 
-/* Distance from a point before the light to its nearest place [m]; INFINITY from behind it. */
-double trust_distance(const QuadLight *light, Vec3 point);
-
 /* Pixels, by their centres, whose estimate may be wrong by much and not show it, with that many
- * samples for each light. Samples spread over the solid angle, and closed forms, are not
+ * samples for each light. Samples spread over the solid angle, and the closed form, are not
  * concerned. */
 int trust_untrusted_pixels(const Scene *scene, const RenderSettings *settings, int light_samples);
 

@@ -35,9 +35,8 @@ static const char HELP[] =
     "                         jittered or sobol (Owen-scrambled) [independent]\n"
     "  --estimator NAME       area: sixteen pixels at a time; textbook: the same estimate one\n"
     "                         pixel at a time, as it is taught; solid-angle: points spread\n"
-    "                         evenly over the directions to the light, not its area; hybrid: area\n"
-    "                         only where a light is partly hidden, the closed form elsewhere;\n"
-    "                         exact: no samples, no noise [area]\n"
+    "                         evenly over the directions to the light, not its area (disks: by\n"
+    "                         area); exact: no samples, no noise [area]\n"
     "  --target-error E       as many shadow rays as it takes, 16 pixels at a time, until the\n"
     "                         relative error of a pixel is below E (0.01 is 1%) at 95%; then\n"
     "                         --light-samples is the most a light may take [16384]\n"
@@ -188,7 +187,7 @@ static Options parse_options(int argc, char **argv)
             break;
         case ESTIMATOR:
             settings->estimator =
-                (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES, 5);
+                (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES, 4);
             break;
         case TARGET:
             options.target_error = parse_fraction("target-error", optarg);

@@ -25,17 +25,17 @@ static int may_be_hidden(const LightPacket *light, int lane)
     return 0;
 }
 
-static void sample_moments(const LightPacket *light, int count, RngStream first, uint32_t dimension,
-                           SampleMoments *moments)
+static void sample_moments(const LightPacket *light, LightType type, int count, RngStream first,
+                           uint32_t dimension, SampleMoments *moments)
 {
     const PointSet points = {.sampler = SAMPLER_INDEPENDENT, .count = count};
     const PointSet few = {.sampler = SAMPLER_INDEPENDENT, .count = ADAPTIVE_PILOT};
     double sum[LANES] = {0}, squares[LANES] = {0}, all[LANES] = {0}, unused[LANES] = {0};
-    packet_sum(light, NULL, &points, first, dimension, sum, squares);
+    packet_sum(light, type, NULL, &points, first, dimension, sum, squares);
     if (light->nb_occluders) {
         LightPacket unhidden = *light;
         unhidden.nb_occluders = 0;
-        packet_sum(&unhidden, NULL, &few, first, dimension + PILOT_DIMENSION, all, unused);
+        packet_sum(&unhidden, type, NULL, &few, first, dimension + PILOT_DIMENSION, all, unused);
     }
     for (int i = 0; i < LANES; i++) {
         double companion = 0;
@@ -63,6 +63,14 @@ static double grey(const HitPacket *hits, int lane, Rgb radiance)
            3;
 }
 
+static Seen see_light(const Scene *scene, const Light *light, const HitPacket *hits,
+                      LightPacket *packet)
+{
+    FlatLight flat;
+    return light_is_flat(light, &flat) ? light_packet_see(scene, &flat, hits, packet)
+                                       : SEEN_STRANGE;
+}
+
 /* Samples for each light that the neediest lane of the packet takes. */
 static int needed_samples(const Scene *scene, const HitPacket *hits, const Target *target,
                           RngStream first)
@@ -70,19 +78,19 @@ static int needed_samples(const Scene *scene, const HitPacket *hits, const Targe
     double mean[LANES] = {0}, variance[LANES] = {0};
     for (int l = 0; l < scene->nb_lights; l++) {
         const Light *light = &scene->lights[l];
-        if (light->type != LIGHT_QUAD)
+        if (!light_is_surface(light))
             continue; /* one ray tells all */
         LightPacket packet;
-        Seen seen = light_packet_see(scene, &light->shape.quad, hits, &packet);
+        const Seen seen = see_light(scene, light, hits, &packet);
         if (seen == SEEN_STRANGE)
             return target->max_light_samples;
         if (seen == SEEN_NOT)
             continue;
         SampleMoments moments;
-        sample_moments(&packet, ADAPTIVE_PILOT, first, (uint32_t)l + 1 + 2 * PILOT_DIMENSION,
-                       &moments);
+        sample_moments(&packet, light->type, ADAPTIVE_PILOT, first,
+                       (uint32_t)l + 1 + 2 * PILOT_DIMENSION, &moments);
         for (int i = 0; i < LANES; i++) {
-            double weight = grey(hits, i, light->shape.quad.radiance);
+            double weight = grey(hits, i, light_radiance(light));
             mean[i] += weight * moments.mean[i];
             variance[i] += weight * weight * moments.variance[i];
         }
@@ -97,11 +105,12 @@ static int needed_samples(const Scene *scene, const HitPacket *hits, const Targe
     return (int)fmin(chunks * ADAPTIVE_PILOT, target->max_light_samples);
 }
 
-static void add_quad(const LightPacket *packet, Rgb radiance, const HitPacket *hits, int count,
-                     RngStream first, uint32_t dimension, EstimatePacket *result)
+static void add_flat(const LightPacket *packet, const Light *light, const HitPacket *hits,
+                     int count, RngStream first, uint32_t dimension, EstimatePacket *result)
 {
     SampleMoments moments;
-    sample_moments(packet, count, first, dimension, &moments);
+    const Rgb radiance = light_radiance(light);
+    sample_moments(packet, light->type, count, first, dimension, &moments);
     for (int i = 0; i < LANES; i++) {
         real mean = real_finite((real)moments.estimate[i]);
         real variance = real_finite((real)(moments.variance[i] / moments.count[i]));
@@ -126,12 +135,9 @@ void adaptive_direct_lighting(const Scene *scene, const HitPacket *hits, const T
     for (int l = 0; l < scene->nb_lights && hits->any_hit; l++) {
         const Light *light = &scene->lights[l];
         LightPacket packet;
-        Seen seen = SEEN_STRANGE;
-        if (light->type == LIGHT_QUAD)
-            seen = light_packet_see(scene, &light->shape.quad, hits, &packet);
+        const Seen seen = see_light(scene, light, hits, &packet);
         if (seen == SEEN_SAMPLED)
-            add_quad(&packet, light->shape.quad.radiance, hits, count, first, (uint32_t)l + 1,
-                     result);
+            add_flat(&packet, light, hits, count, first, (uint32_t)l + 1, result);
         else if (seen == SEEN_STRANGE)
             packet_textbook(scene, l, hits, &points, SPREAD_AREA, first, result);
     }

@@ -230,13 +230,14 @@ static void table_points(const PointSet *set, int first_sample, int count, Point
     }
 }
 
-void packet_sum(const LightPacket *light, const SphericalRectanglePacket *rectangle,
+void packet_sum(const LightPacket *light, LightType type, const SphericalRectanglePacket *rectangle,
                 const PointSet *set, RngStream first, uint32_t dimension, double sum[LANES],
                 double sum_of_squares[LANES])
 {
     PointPacket points;
     SumPacket chunk;
-    const bool sobol = set->sampler == SAMPLER_SOBOL, table = sobol && !rectangle;
+    const bool sobol = set->sampler == SAMPLER_SOBOL, as_it_is = type == LIGHT_QUAD && !rectangle,
+               table = sobol && as_it_is;
     const Spread spread = rectangle ? SPREAD_SOLID_ANGLE : SPREAD_AREA;
     if (sobol) {
         uint32_t word[4][LANES];
@@ -255,8 +256,12 @@ void packet_sum(const LightPacket *light, const SphericalRectanglePacket *rectan
             random_points(set, first, first_sample, count, dimension, &points);
         else if (!table)
             table_points(set, first_sample, count, &points);
-        for (int j = 0; j < count && rectangle; j++)
-            spherical_rectangle_packet_place(rectangle, points.x[j], points.y[j]);
+        for (int j = 0; j < count && !as_it_is; j++) {
+            if (rectangle)
+                spherical_rectangle_packet_place(rectangle, points.x[j], points.y[j]);
+            else
+                area_packet_place(type, points.x[j], points.y[j]);
+        }
         sum_chunk(light, &points, count, spread, &chunk);
         SIMD for (int i = 0; i < LANES; i++)
         {
@@ -303,12 +308,13 @@ static void clear(EstimatePacket *result)
 }
 
 /* rectangle: how its directions spread over the light's; NULL: spread over its area. */
-static void quad_estimate(const LightPacket *light, const SphericalRectanglePacket *rectangle,
-                          const PointSet *set, RngStream first, uint32_t dimension,
-                          real mean[LANES], real variance[LANES])
+static void flat_estimate(const LightPacket *light, LightType type,
+                          const SphericalRectanglePacket *rectangle, const PointSet *set,
+                          RngStream first, uint32_t dimension, real mean[LANES],
+                          real variance[LANES])
 {
     double sum[LANES] = {0}, sum_of_squares[LANES] = {0};
-    packet_sum(light, rectangle, set, first, dimension, sum, sum_of_squares);
+    packet_sum(light, type, rectangle, set, first, dimension, sum, sum_of_squares);
 
     const real *scales = rectangle ? rectangle->scale : light->scale;
     const double n = set->count, to_mean = 1 / n;
@@ -324,17 +330,6 @@ static void quad_estimate(const LightPacket *light, const SphericalRectanglePack
         scatter = scatter > 0 ? scatter : 0;
         variance[i] = real_finite((real)(scale * scale * scatter * to_variance));
     }
-}
-
-/* Puts the closed form over the samples' answer where it is known. */
-static void prefer_known(const double irradiance[LANES], const int known[LANES], real mean[LANES],
-                         real variance[LANES])
-{
-    for (int i = 0; i < LANES; i++)
-        if (known[i]) {
-            mean[i] = (real)irradiance[i];
-            variance[i] = 0;
-        }
 }
 
 void packet_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
@@ -358,16 +353,16 @@ void packet_textbook(const Scene *scene, int light, const HitPacket *hits, const
     }
 }
 
-/* One light that packet sees so, added to result. */
-static void add_quad(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
+/* A flat light that packet sees so, added to result. */
+static void add_flat(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
                      Spread spread, RngStream first, Seen seen, const LightPacket *packet,
                      EstimatePacket *result)
 {
-    const QuadLight *quad = &scene->lights[light].shape.quad;
+    const Light *from = &scene->lights[light];
     SphericalRectanglePacket rectangle;
     InLanes known = RECTANGLE_IN_NO_LANE;
     if (spread == SPREAD_SOLID_ANGLE && seen == SEEN_SAMPLED)
-        known = spherical_rectangle_packet_create(&rectangle, quad, hits, packet);
+        known = solid_angle_packet_create(&rectangle, from, hits, packet);
     if (seen == SEEN_STRANGE || known == RECTANGLE_IN_SOME_LANES) {
         packet_textbook(scene, light, hits, points, spread, first, result);
         return;
@@ -375,9 +370,9 @@ static void add_quad(const Scene *scene, int light, const HitPacket *hits, const
     if (seen == SEEN_NOT)
         return;
     real mean[LANES], variance[LANES];
-    quad_estimate(packet, known == RECTANGLE_IN_ALL_LANES ? &rectangle : NULL, points, first,
-                  (uint32_t)light + 1, mean, variance);
-    const Rgb radiance = quad->radiance;
+    flat_estimate(packet, from->type, known == RECTANGLE_IN_ALL_LANES ? &rectangle : NULL, points,
+                  first, (uint32_t)light + 1, mean, variance);
+    const Rgb radiance = light_radiance(from);
     add_light(radiance, hits, mean, result);
     if (points->sampler == SAMPLER_INDEPENDENT)
         add_variance(radiance, hits, variance, result);
@@ -392,51 +387,18 @@ void packet_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_pa
     for (int p = 0; p < nb_packets; p++)
         clear(&result[p]);
     for (int l = 0; l < scene->nb_lights; l++) {
-        const Light *light = &scene->lights[l];
+        FlatLight flat;
+        const bool is_flat = light_is_flat(&scene->lights[l], &flat);
         for (int p = 0; p < nb_packets; p++) {
             seen[p] = hits[p].any_hit ? SEEN_STRANGE : SEEN_NOT;
-            if (light->type == LIGHT_QUAD && hits[p].any_hit)
-                seen[p] = light_packet_see(scene, &light->shape.quad, &hits[p], &packet[p]);
+            if (is_flat && hits[p].any_hit)
+                seen[p] = light_packet_see(scene, &flat, &hits[p], &packet[p]);
         }
         for (int p = 0; p < nb_packets; p++) {
             RngStream stream = first;
             stream.pixel += (uint32_t)(p * LANES);
-            add_quad(scene, l, &hits[p], points, spread, stream, seen[p], &packet[p], &result[p]);
+            add_flat(scene, l, &hits[p], points, spread, stream, seen[p], &packet[p], &result[p]);
         }
-    }
-}
-
-void packet_hybrid_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
-                            RngStream first, EstimatePacket *result)
-{
-    clear(result);
-    for (int l = 0; l < scene->nb_lights && hits->any_hit; l++) {
-        const Light *light = &scene->lights[l];
-        const QuadLight *quad = &light->shape.quad;
-        real mean[LANES] = {0}, variance[LANES] = {0};
-        double irradiance[LANES];
-        int known[LANES] = {0};
-        LightPacket packet;
-        Seen seen = SEEN_STRANGE;
-        if (light->type == LIGHT_QUAD) {
-            seen = SEEN_NOT;
-            if (irradiance_packet_of_plain(scene, quad, hits, irradiance, known))
-                seen = light_packet_see(scene, quad, hits, &packet);
-        }
-        if (seen == SEEN_STRANGE) {
-            HitPacket unknown = *hits;
-            for (int i = 0; i < LANES; i++)
-                unknown.object[i] = known[i] ? SCENE_NOTHING : unknown.object[i];
-            packet_textbook(scene, l, &unknown, points, SPREAD_AREA, first, result);
-        }
-        if (light->type != LIGHT_QUAD)
-            continue;
-        if (seen == SEEN_SAMPLED)
-            quad_estimate(&packet, NULL, points, first, (uint32_t)l + 1, mean, variance);
-        prefer_known(irradiance, known, mean, variance);
-        add_light(quad->radiance, hits, mean, result);
-        if (points->sampler == SAMPLER_INDEPENDENT)
-            add_variance(quad->radiance, hits, variance, result);
     }
 }
 

@@ -25,19 +25,14 @@ void packet_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_pa
                             const PointSet *points, Spread spread, RngStream first,
                             EstimatePacket *result);
 
-/* The same for one packet, but a light that a lane surely sees whole or not at all is not
- * sampled: it is known in closed form. */
-void packet_hybrid_lighting(const Scene *scene, const HitPacket *hits, const PointSet *points,
-                            RngStream first, EstimatePacket *result);
-
 /* The limit of infinitely many samples, and variance 0. */
 void packet_exact_lighting(const Scene *scene, const HitPacket *hits, EstimatePacket *result);
 
-/* The pieces. Sums of (n . w) / |w|^4 and of their squares over the visible samples of one light,
+/* The pieces. Sums of (n . w) / |w|^4 and of their squares over the visible samples of one flat light,
  * added to sum and sum_of_squares; times light->scale they are light samples with f_r L_e = 1.
  * With a rectangle the samples are spread over its solid angle, summed is (n . w) / |w|, and the
  * scale is rectangle->scale. */
-void packet_sum(const LightPacket *light, const SphericalRectanglePacket *rectangle,
+void packet_sum(const LightPacket *light, LightType type, const SphericalRectanglePacket *rectangle,
                 const PointSet *points, RngStream first, uint32_t dimension, double sum[LANES],
                 double sum_of_squares[LANES]);
 

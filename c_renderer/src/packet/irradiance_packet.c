@@ -10,8 +10,6 @@
 #define NEAR_AND_FAR inline
 #endif
 
-static const double PI = 3.14159265358979323846;
-
 /* ---- angles ---- */
 
 /* atan(sqrt(y)) / sqrt(y) for 0 <= y <= 1/4, within 2e-13, and in proportion to y less: by
@@ -372,30 +370,6 @@ void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPack
     }
 }
 
-int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const HitPacket *hits,
-                               double irradiance[LANES], int known[LANES])
-{
-    ViewPacket view;
-    CapPacket caps[MAX_CAPS];
-    int nb_unknown = 0;
-    memset(irradiance, 0, sizeof(Lanes));
-    const int nb_caps = hits->any_hit ? light_view_packet(scene, light, hits, &view, caps) : 0;
-    for (int i = 0; i < LANES; i++)
-        known[i] = 1;
-    if (!hits->any_hit || !any(view.lit))
-        return 0;
-    irradiance_without_spheres(&view, irradiance);
-    clear_unlit(&view, irradiance);
-    for (int i = 0; i < LANES; i++) {
-        double unknown = view.hard[i] + view.cut[i];
-        for (int k = 0; k < nb_caps; k++)
-            unknown += caps[k].here[i];
-        known[i] = !(unknown > 0 && view.lit[i] > 0);
-        nb_unknown += !known[i];
-    }
-    return nb_unknown;
-}
-
 void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket *radiance)
 {
     memset(radiance, 0, sizeof *radiance);
@@ -404,6 +378,9 @@ void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket 
         double irradiance[LANES];
         switch (light->type) {
         case LIGHT_POINT:
+        case LIGHT_DISK:
+        case LIGHT_TRIANGLE:
+        case LIGHT_SPHERE:
             for (int i = 0; i < LANES; i++) {
                 const Hit hit = packet_lane(hits, i);
                 if (hit.object == SCENE_NOTHING)
@@ -413,10 +390,6 @@ void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket 
                 radiance->g[i] = real_finite(radiance->g[i] + lighting.g);
                 radiance->b[i] = real_finite(radiance->b[i] + lighting.b);
             }
-            break;
-        case LIGHT_DISK:
-        case LIGHT_TRIANGLE:
-        case LIGHT_SPHERE:
             break;
         case LIGHT_QUAD:
             irradiance_packet(scene, &light->shape.quad, hits, irradiance);

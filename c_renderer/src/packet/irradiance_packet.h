@@ -10,12 +10,6 @@
 void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPacket *hits,
                        double irradiance[LANES]);
 
-/* The same where it is cheap: in lanes that surely see none of the light or all of it, known = 1.
- * In the others known = 0, and irradiance is as if nothing stood before the light; there are as
- * many as the function returns. */
-int irradiance_packet_of_plain(const Scene *scene, const QuadLight *light, const HitPacket *hits,
-                               double irradiance[LANES], int known[LANES]);
-
 /* exact_lighting [W m^-2 sr^-1] for each lane that hits something, 0 for the others. */
 void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket *radiance);
 

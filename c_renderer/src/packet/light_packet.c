@@ -3,19 +3,19 @@
 /* Below this height, in the lane's unit of length, 1 / |w|^8 comes near float's end. */
 #define LEAST_HEIGHT ((real)1e-4f)
 
-/* The light's axes, unit vectors, and the quad in them. */
+/* The light's axes, unit vectors, and the parallelogram in them. */
 typedef struct {
     Vec3 e1, e2, normal;
     real ux, vx, vy;
 } Frame;
 
-static Frame light_frame(const QuadLight *quad)
+static Frame light_frame(const FlatLight *flat)
 {
-    const Vec3 n = quad->normal;
-    const real ux = sqrt(vec3_dot(quad->edge_u, quad->edge_u));
-    const Vec3 e1 = vec3_scale(quad->edge_u, 1 / ux);
+    const Vec3 n = flat->normal;
+    const real ux = sqrt(vec3_dot(flat->edge_u, flat->edge_u));
+    const Vec3 e1 = vec3_scale(flat->edge_u, 1 / ux);
     const Vec3 e2 = {n.y * e1.z - n.z * e1.y, n.z * e1.x - n.x * e1.z, n.x * e1.y - n.y * e1.x};
-    return (Frame){e1, e2, n, ux, vec3_dot(quad->edge_v, e1), vec3_dot(quad->edge_v, e2)};
+    return (Frame){e1, e2, n, ux, vec3_dot(flat->edge_v, e1), vec3_dot(flat->edge_v, e2)};
 }
 
 /* How the lanes' points lie to the light, but for what LightPacket says. */
@@ -26,11 +26,11 @@ typedef struct {
 } Standing;
 
 /* SEEN_STRANGE: some lane stands too near to the light's plane. */
-static Seen see_quad(const QuadLight *quad, const Frame *frame, const HitPacket *restrict hits,
-                     LightPacket *restrict light, Standing *restrict standing)
+static Seen see_light(const FlatLight *flat, const Frame *frame, const HitPacket *restrict hits,
+                      LightPacket *restrict light, Standing *restrict standing)
 {
-    const Vec3 e1 = frame->e1, e2 = frame->e2, n = frame->normal, corner = quad->corner;
-    const real area = quad->area, size = frame->ux + fabs(frame->vx) + frame->vy;
+    const Vec3 e1 = frame->e1, e2 = frame->e2, n = frame->normal, corner = flat->corner;
+    const real area = flat->area, size = frame->ux + fabs(frame->vx) + frame->vy;
     real low[LANES], high[LANES];
     SIMD for (int i = 0; i < LANES; i++)
     {
@@ -185,14 +185,14 @@ static Seen see_sphere(const Sphere *sphere, int object, const Frame *frame,
 }
 
 /* A plane hides the light from points on its other side. Those that it cuts are left alone. */
-static Seen see_plane(const Plane *plane, int object, const QuadLight *quad,
+static Seen see_plane(const Plane *plane, int object, const FlatLight *flat,
                       const HitPacket *restrict hits, const int lit[LANES])
 {
     if (hits->one_object && hits->object[0] == object)
         return SEEN_SAMPLED; /* no plane hides anything from its own points */
     const Vec3 n = plane->normal, p = plane->point;
-    const real at_corner = vec3_dot(n, vec3_sub(quad->corner, p));
-    const real along_u = vec3_dot(n, quad->edge_u), along_v = vec3_dot(n, quad->edge_v);
+    const real at_corner = vec3_dot(n, vec3_sub(flat->corner, p));
+    const real along_u = vec3_dot(n, flat->edge_u), along_v = vec3_dot(n, flat->edge_v);
     const real middle = at_corner + 0.5f * (along_u + along_v);
     const real spread = 0.5f * (fabs(along_u) + fabs(along_v));
     int other[LANES];
@@ -206,16 +206,16 @@ static Seen see_plane(const Plane *plane, int object, const QuadLight *quad,
     return any_lane(other) ? SEEN_STRANGE : SEEN_SAMPLED;
 }
 
-Seen light_packet_see(const Scene *scene, const QuadLight *quad, const HitPacket *hits,
+Seen light_packet_see(const Scene *scene, const FlatLight *flat, const HitPacket *hits,
                       LightPacket *light)
 {
-    const Frame frame = light_frame(quad);
+    const Frame frame = light_frame(flat);
     Standing standing;
     light->nb_occluders = 0;
-    Seen seen = see_quad(quad, &frame, hits, light, &standing);
+    Seen seen = see_light(flat, &frame, hits, light, &standing);
     for (int k = 0; k < scene->nb_spheres && seen == SEEN_SAMPLED; k++)
         seen = see_sphere(&scene->spheres[k], k, &frame, hits, &standing, light);
     for (int k = 0; k < scene->nb_planes && seen == SEEN_SAMPLED; k++)
-        seen = see_plane(&scene->planes[k], scene->nb_spheres + k, quad, hits, standing.lit);
+        seen = see_plane(&scene->planes[k], scene->nb_spheres + k, flat, hits, standing.lit);
     return seen;
 }

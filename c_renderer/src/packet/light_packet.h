@@ -1,4 +1,4 @@
-/* A quad light and what may stand before it, as the sixteen points of a packet see it. */
+/* A flat light and what may stand before it, as the sixteen points of a packet see it. */
 #ifndef PENUMBRA_LIGHT_PACKET_H
 #define PENUMBRA_LIGHT_PACKET_H
 
@@ -9,7 +9,7 @@
 /* Spheres that the sample loop tests; a packet with more goes to estimator.c. */
 enum { MAX_OCCLUDERS = 4 };
 
-/* A quad light as sixteen points see it.
+/* A flat light, that is its parallelogram (flat.h), as sixteen points see it.
  *
  * In the light's frame (e1 along u, e2, normal) the sample (s, t) lies from the point at
  *     w = (wx, wy, h),   wx = cx + s ux + t vx,   wy = cy + t vy,
@@ -38,7 +38,7 @@ typedef enum {
 } Seen;
 
 /* Looks at the light as a whole, before any sample: leaves out what cannot hide any of it. */
-Seen light_packet_see(const Scene *scene, const QuadLight *quad, const HitPacket *hits,
+Seen light_packet_see(const Scene *scene, const FlatLight *flat, const HitPacket *hits,
                       LightPacket *light);
 
 #endif
