@@ -95,6 +95,71 @@ class QuadLight:
 
 
 @dataclass(frozen=True)
+class DiskLight:
+    name: str
+    center: Vec3
+    """[m]"""
+    normal: Vec3
+    """unit vector; the light emits on the side that -normal faces"""
+    radius: float
+    """[m]"""
+    radiance: Vec3
+    """[W m^-2 sr^-1]"""
+
+    @property
+    def area(self) -> float:
+        """[m^2]"""
+        return math.pi * self.radius * self.radius
+
+
+@dataclass(frozen=True)
+class TriangleLight:
+    """The points corner + s edge_u + t edge_v with s, t >= 0 and s + t <= 1."""
+
+    name: str
+    corner: Vec3
+    """[m]"""
+    edge_u: Vec3
+    """[m]"""
+    edge_v: Vec3
+    """[m]"""
+    radiance: Vec3
+    """[W m^-2 sr^-1]"""
+
+    @property
+    def normal(self) -> Vec3:
+        """normalize(u x v); the light emits on the side that -normal faces"""
+        normal = _cross(self.edge_u, self.edge_v)
+        return _divided(normal, _length(normal))
+
+    @property
+    def area(self) -> float:
+        """|u x v| / 2 [m^2]"""
+        return _length(_cross(self.edge_u, self.edge_v)) / 2
+
+
+@dataclass(frozen=True)
+class SphereLight:
+    """It emits outwards."""
+
+    name: str
+    center: Vec3
+    """[m]"""
+    radius: float
+    """[m]"""
+    radiance: Vec3
+    """[W m^-2 sr^-1]"""
+
+    @property
+    def area(self) -> float:
+        """[m^2]"""
+        return 4 * math.pi * self.radius * self.radius
+
+
+Light = PointLight | QuadLight | DiskLight | TriangleLight | SphereLight
+
+
+@dataclass(frozen=True)
 class Camera:
     """Pinhole. The ray through image point (x, y), in pixels from the top left corner, goes along
     forward + (2 x / width - 1) * aspect * t * right + (1 - 2 y / height) * t * up,
@@ -120,6 +185,20 @@ class Scene:
     planes: tuple[Plane, ...]
     point_lights: tuple[PointLight, ...]
     quad_lights: tuple[QuadLight, ...]
+    disk_lights: tuple[DiskLight, ...] = ()
+    triangle_lights: tuple[TriangleLight, ...] = ()
+    sphere_lights: tuple[SphereLight, ...] = ()
+
+    @property
+    def lights(self) -> tuple[Light, ...]:
+        """The position in this tuple is the light's index everywhere."""
+        return (
+            *self.point_lights,
+            *self.quad_lights,
+            *self.disk_lights,
+            *self.triangle_lights,
+            *self.sphere_lights,
+        )
 
     @property
     def objects(self) -> tuple[Sphere | Plane, ...]:
@@ -182,22 +261,29 @@ def read_scene(file: str | Path) -> Scene:
         ("planes", "object"),
         ("point_lights", "light"),
         ("quad_lights", "light"),
+        ("disk_lights", "light"),
+        ("triangle_lights", "light"),
+        ("sphere_lights", "light"),
     ):
         for i, item in enumerate(data.get(group, [])):
             if item["name"] in names[kind]:
                 refuse((group, i, "name"), f'there is already a {kind} named "{item["name"]}"')
             names[kind].add(item["name"])
 
-    quad_lights = []
-    for i, light in enumerate(data.get("quad_lights", [])):
-        path = ("quad_lights", i)
+    def edges(path: Path_, light: dict[str, Any], shape: str) -> tuple[Vec3, Vec3]:
         edge_u, edge_v = _vec3(light["u"]), _vec3(light["v"])
         unit((*path, "u"), edge_u)
         unit((*path, "v"), edge_v)
+        if _length(_cross(edge_u, edge_v)) <= MIN_LENGTH * _length(edge_u) * _length(edge_v):
+            refuse((*path, "v"), f"u and v are parallel: the {shape} has no area")
+        return edge_u, edge_v
+
+    quad_lights = []
+    for i, light in enumerate(data.get("quad_lights", [])):
+        path = ("quad_lights", i)
+        edge_u, edge_v = edges(path, light, "quad")
         normal = _cross(edge_u, edge_v)
         area = _length(normal)
-        if area <= MIN_LENGTH * _length(edge_u) * _length(edge_v):
-            refuse((*path, "v"), "u and v are parallel: the quad has no area")
         quad_lights.append(
             QuadLight(
                 light["name"],
@@ -235,6 +321,31 @@ def read_scene(file: str | Path) -> Scene:
             for i, p in enumerate(data.get("point_lights", []))
         ),
         quad_lights=tuple(quad_lights),
+        disk_lights=tuple(
+            DiskLight(
+                d["name"],
+                _vec3(d["center"]),
+                unit(("disk_lights", i, "normal"), _vec3(d["normal"])),
+                float(d["radius"]),
+                radiance(("disk_lights", i), d),
+            )
+            for i, d in enumerate(data.get("disk_lights", []))
+        ),
+        triangle_lights=tuple(
+            TriangleLight(
+                t["name"],
+                _vec3(t["position"]),
+                *edges(("triangle_lights", i), t, "triangle"),
+                radiance(("triangle_lights", i), t),
+            )
+            for i, t in enumerate(data.get("triangle_lights", []))
+        ),
+        sphere_lights=tuple(
+            SphereLight(
+                s["name"], _vec3(s["center"]), float(s["radius"]), radiance(("sphere_lights", i), s)
+            )
+            for i, s in enumerate(data.get("sphere_lights", []))
+        ),
     )
 
 
@@ -261,6 +372,20 @@ def _dump_body(scene: Scene) -> str:
             rows.append("\n    {" + ", ".join(values) + "}")
         return "[" + ",".join(rows) + ("\n  ]" if rows else "]")
 
+    # Shapes that came later stand in the dump only where a scene has them: hashes stay.
+    later = "".join(
+        f',\n  "{group}": {items(lights, *fields)}'
+        for group, lights, fields in (
+            ("disk_lights", scene.disk_lights, ("center", "normal", "radius", "area", "radiance")),
+            (
+                "triangle_lights",
+                scene.triangle_lights,
+                ("corner", "edge_u", "edge_v", "normal", "area", "radiance"),
+            ),
+            ("sphere_lights", scene.sphere_lights, ("center", "radius", "area", "radiance")),
+        )
+        if lights
+    )
     c = scene.camera
     return (
         f'  "camera": {{"position": {numbers(c.position)}, "forward": {numbers(c.forward)}, '
@@ -273,6 +398,7 @@ def _dump_body(scene: Scene) -> str:
         f'  "point_lights": {items(scene.point_lights, "position", "radiant_intensity")},\n'
         '  "quad_lights": '
         + items(scene.quad_lights, "corner", "edge_u", "edge_v", "normal", "area", "radiance")
+        + later
         + "\n"
     )
 

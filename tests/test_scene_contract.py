@@ -21,19 +21,59 @@ BASE: dict[str, Any] = {
     "name": "base",
     "description": "every kind of thing, nothing aligned",
     "image": {"width": 30, "height": 20},
-    "camera": {"position": [0.1, 0.2, -2], "look_at": [0.3, -0.4, 9], "up": [0.1, 1, 0.2], "fov_y_deg": 47.5},
+    "camera": {
+        "position": [0.1, 0.2, -2],
+        "look_at": [0.3, -0.4, 9],
+        "up": [0.1, 1, 0.2],
+        "fov_y_deg": 47.5,
+    },
     "background": [0.5, 0.25, 0],
     "ray_max_distance": 100,
     "spheres": [
         {"name": "ball", "center": [0, 0, 3], "radius": 1, "color": [0, 0.3, 1]},
         {"name": "pea", "center": [1.7, -0.3, 2.2], "radius": 0.07, "color": [0, 0, 0]},
     ],
-    "planes": [{"name": "floor", "point": [0, -2, 0], "normal": [0.1, 3, -0.2], "color": [1, 0, 0.1]}],
-    "point_lights": [{"name": "bulb", "position": [1, 10, 1], "color": [1, 0.9, 0.8], "power": 100}],
-    "quad_lights": [
-        {"name": "quad", "position": [1, 10, 2], "u": [-2, 0.1, 0], "v": [0.3, 0.2, 2], "color": [1, 1, 0.3], "power": 40}
+    "planes": [
+        {"name": "floor", "point": [0, -2, 0], "normal": [0.1, 3, -0.2], "color": [1, 0, 0.1]}
     ],
-}  # fmt: skip
+    "point_lights": [
+        {"name": "bulb", "position": [1, 10, 1], "color": [1, 0.9, 0.8], "power": 100}
+    ],
+    "quad_lights": [
+        {
+            "name": "quad",
+            "position": [1, 10, 2],
+            "u": [-2, 0.1, 0],
+            "v": [0.3, 0.2, 2],
+            "color": [1, 1, 0.3],
+            "power": 40,
+        }
+    ],
+    "disk_lights": [
+        {
+            "name": "disk",
+            "center": [-1, 9, 3],
+            "normal": [0.2, 3, 0.1],
+            "radius": 1.3,
+            "color": [1, 0.2, 1],
+            "power": 30,
+        }
+    ],
+    "triangle_lights": [
+        {
+            "name": "triangle",
+            "position": [2, 8, 1],
+            "u": [0.3, 0.1, 2],
+            "v": [1.7, 0.2, -0.4],
+            "color": [0.1, 1, 1],
+            "power": 20,
+        }
+    ],
+    "sphere_lights": [
+        {"name": "globe", "center": [3, 7, -2], "radius": 0.7, "color": [1, 0.7, 0.6], "power": 10}
+    ],
+}
+SHAPES = ("point_lights", "quad_lights", "disk_lights", "triangle_lights", "sphere_lights")  # fmt: skip
 
 
 def text(change: Any = None) -> str:
@@ -82,18 +122,22 @@ VALID = {
     "everything": text(),
     "one line": json.dumps(BASE),
     "windows line ends": text().replace("\n", "\r\n"),
-    "no lights, no objects": text(lambda d: [d.pop(k) for k in ("spheres", "planes", "point_lights", "quad_lights")]),
-    "empty lists": text(lambda d: d.update(spheres=[], quad_lights=[])),
+    "no lights, no objects": text(lambda d: [d.pop(k) for k in ("spheres", "planes", *SHAPES)]),
+    "empty lists": text(lambda d: d.update(spheres=[], **{k: [] for k in SHAPES})),
+    **{f"no {k}": without(k) for k in SHAPES},
+    **{f"two {k}": text(lambda d, k=k: d[k].append(d[k][0] | {"name": "second"})) for k in SHAPES},
+    **{f"dark {k}": edited(k, 0, "power", to=0) for k in SHAPES},
+    **{f"1000 {k}": text(lambda d, k=k: d.update({k: [d[k][0] | {"name": f"s{i}"} for i in range(1000)]})) for k in SHAPES},
     "no description": without("description"),
     "accents": edited("description", to="éclairage à l'ombre ☀ \U0001d11e"),
     "escaped key": text().replace('"radius"', r'"\u0072adius"', 1),
     "whole number as real": text().replace('"width": 30', '"width": 30.0'),
     "exponents": text().replace("47.5", "4.75e1"),
     "negative zero": edited("spheres", 0, "center", to=[-0.0, 0, 3]),
-    "smallest radius": edited("spheres", 0, "radius", to=1e-9),
+    **{f"{size} radius, {k}": edited(k, 0, "radius", to=radius) for k in ("spheres", "disk_lights", "sphere_lights") for size, radius in (("smallest", 1e-9), ("largest", 1e9), ("odd", 0.1))},
+    **{f"shortest edges, {k}": text(lambda d, k=k: d[k][0].update(u=[1e-9, 0, 0], v=[0, 0, 1e-9])) for k in ("quad_lights", "triangle_lights")},
     "underflow is zero": text().replace('"power": 40', '"power": 1e-400'),
-    "dark light": edited("quad_lights", 0, "power", to=0),
-    "needle": edited("quad_lights", 0, "u", to=[1e-6, 0, 0]),
+    **{f"needle, {k}": edited(k, 0, "u", to=[1e-6, 0, 0]) for k in ("quad_lights", "triangle_lights")},
     "no up component along z": edited("camera", "up", to=[0, 1e-9, 0]),
     "one name for an object and a light": edited("quad_lights", 0, "name", to="ball"),
     "largest brightness": edited("point_lights", 0, "power", to=1e30),
@@ -157,10 +201,17 @@ INVALID: dict[str, tuple[str | bytes, str, str]] = {
     "zero up": (edited("camera", "up", to=[0, 0, 0]), "camera.up", "zero vector"),
     "looks nowhere": (edited("camera", "look_at", to=[0.1, 0.2, -2]), "camera.look_at", "zero vector"),
     "up along the view": (text(lambda d: d["camera"].update(position=[0, 0, 0], look_at=[0, 3, 0], up=[0, 1, 0])), "camera.up", "parallel"),
-    "zero u": (edited("quad_lights", 0, "u", to=[0, 0, 0]), "quad_lights[0].u", "zero vector"),
-    "zero v": (edited("quad_lights", 0, "v", to=[0, 0, 0]), "quad_lights[0].v", "zero vector"),
-    "parallel edges": (edited("quad_lights", 0, "v", to=[-4, 0.2, 0]), "quad_lights[0].v", "parallel"),
-    "too bright": (text(lambda d: d["quad_lights"][0].update(power=1e29, color=[11, 0, 0])), "quad_lights[0].power", "1e+30"),
+    **{f"zero {edge}, {k}": (edited(k, 0, edge, to=[0, 0, 0]), f"{k}[0].{edge}", "zero vector") for k in ("quad_lights", "triangle_lights") for edge in "uv"},
+    "parallel edges": (edited("quad_lights", 0, "v", to=[-4, 0.2, 0]), "quad_lights[0].v", "the quad has no area"),
+    "parallel edges, triangle": (edited("triangle_lights", 0, "v", to=[0.6, 0.2, 4]), "triangle_lights[0].v", "the triangle has no area"),
+    "zero normal, disk": (edited("disk_lights", 0, "normal", to=[0, 1e-10, 0]), "disk_lights[0].normal", "zero vector"),
+    **{f"{kind} radius, {k}": (edited(k, 0, "radius", to=radius), f"{k}[0].radius", "") for k in ("disk_lights", "sphere_lights") for kind, radius in (("zero", 0), ("negative", -1), ("short", 9.99e-10), ("long", 1.0000001e9))},
+    **{f"too bright, {k}": (text(lambda d, k=k: d[k][0].update(power=1e29, color=[11, 0, 0])), f"{k}[0].power", "1e+30") for k in SHAPES},
+    **{f"missing {key}, {k}": (without(k, 0, key), f"{k}[0]", f'"{key}" is missing') for k in SHAPES for key in BASE[k][0]},
+    **{f"unknown key, {k}": (text(lambda d, k=k: d[k][0].update(area=2)), f"{k}[0].area", "unknown") for k in SHAPES},
+    **{f"object for array, {k}": (edited(k, to={}), k, "type") for k in SHAPES},
+    **{f"1001 {k}": (text(lambda d, k=k: d.update({k: [d[k][0] | {"name": f"s{i}"} for i in range(1001)]})), k, "") for k in SHAPES},
+    **{f"same name, {k}": (edited(k, 0, "name", to="bulb"), f"{k}[0].name", "already") for k in SHAPES[2:]},
     "same name": (edited("spheres", 1, "name", to="ball"), "spheres[1].name", "already"),
     "same name, sphere and plane": (edited("planes", 0, "name", to="ball"), "planes[0].name", "already"),
     "same name, two lights": (edited("quad_lights", 0, "name", to="bulb"), "quad_lights[0].name", "already"),
@@ -210,7 +261,7 @@ def test_both_readers_refuse_and_name_file_line_key_and_reason(
         ("duplicate key", '"radius": 2'),
         ("string for number", '"power": "40"'),
         ("same name", '"pea"'),
-        ("zero v", '"v"'),
+        ("zero v, triangle_lights", '"v"'),
         ("negative colour", "-0.1"),
     ],
 )
@@ -273,7 +324,7 @@ def paths(data: Any, prefix: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 )
 @given(
     edits=st.lists(st.tuples(st.sampled_from(paths(BASE)), VALUE), min_size=1, max_size=2),
-    cut=st.one_of(st.none(), st.integers(0, 1500)),
+    cut=st.one_of(st.none(), st.integers(0, 2500)),
 )
 def test_readers_agree_on_mutated_scenes(
     edits: list[tuple[tuple[Any, ...], Any]],

@@ -39,6 +39,67 @@ static void expect_color(Rgb c, double most)
            "colours are from 0 to their limit");
 }
 
+static void expect_area(real area)
+{
+    expect(area > 0 && isfinite(area), "a light has an area");
+}
+
+/* 1e30 rounded to float32 may be just above. */
+static void expect_radiance(Rgb c)
+{
+    expect_color(c, 1.000001e30);
+}
+
+static void expect_whole_light(const Light *light)
+{
+    switch (light->type) {
+    case LIGHT_POINT: {
+        const PointLight *point = &light->shape.point;
+        expect_finite(point->position);
+        expect_radiance(point->radiant_intensity);
+        return;
+    }
+    case LIGHT_QUAD: {
+        const QuadLight *quad = &light->shape.quad;
+        expect_finite(quad->corner);
+        expect_finite(quad->edge_u);
+        expect_finite(quad->edge_v);
+        expect_unit(quad->normal);
+        expect_area(quad->area);
+        expect_radiance(quad->radiance);
+        return;
+    }
+    case LIGHT_DISK: {
+        const DiskLight *disk = &light->shape.disk;
+        expect_finite(disk->center);
+        expect_unit(disk->normal);
+        expect(disk->radius > 0, "a disk has a radius");
+        expect_area(disk->area);
+        expect_radiance(disk->radiance);
+        return;
+    }
+    case LIGHT_TRIANGLE: {
+        const TriangleLight *triangle = &light->shape.triangle;
+        expect_finite(triangle->corner);
+        expect_finite(triangle->edge_u);
+        expect_finite(triangle->edge_v);
+        expect_unit(triangle->normal);
+        expect_area(triangle->area);
+        expect_radiance(triangle->radiance);
+        return;
+    }
+    case LIGHT_SPHERE: {
+        const SphereLight *sphere = &light->shape.sphere;
+        expect_finite(sphere->center);
+        expect(sphere->radius > 0, "a sphere light has a radius");
+        expect_area(sphere->area);
+        expect_radiance(sphere->radiance);
+        return;
+    }
+    }
+    expect(false, "a light has a shape");
+}
+
 static void expect_whole(const Scene *scene)
 {
     expect(scene->width >= 1 && scene->height >= 1, "an image has pixels");
@@ -61,22 +122,8 @@ static void expect_whole(const Scene *scene)
         expect_unit(scene->planes[i].normal);
         expect_color(scene->planes[i].brdf, 1e6);
     }
-    /* 1e30 rounded to float32 may be just above. */
-    for (int i = 0; i < scene->nb_lights; i++) {
-        if (scene->lights[i].type == LIGHT_POINT) {
-            const PointLight *light = &scene->lights[i].shape.point;
-            expect_finite(light->position);
-            expect_color(light->radiant_intensity, 1.000001e30);
-        } else {
-            const QuadLight *light = &scene->lights[i].shape.quad;
-            expect_finite(light->corner);
-            expect_finite(light->edge_u);
-            expect_finite(light->edge_v);
-            expect_unit(light->normal);
-            expect(light->area > 0 && isfinite(light->area), "a quad has an area");
-            expect_color(light->radiance, 1.000001e30);
-        }
-    }
+    for (int i = 0; i < scene->nb_lights; i++)
+        expect_whole_light(&scene->lights[i]);
 }
 
 size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t max_size);

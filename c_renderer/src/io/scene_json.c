@@ -10,6 +10,8 @@
 
 #include <jansson.h>
 
+#include "exact/vec3d.h"
+
 /* Limits of scenes/scene.schema.json. */
 #define MAX_BYTES (1 << 20)
 #define MAX_ITEMS 1000
@@ -20,6 +22,7 @@
 #define MAX_COLOR 1e6
 #define MAX_POWER 1e30
 #define MAX_RADIANCE 1e30
+#define PI 3.141592653589793
 #define DEGREE 0.017453292519943295 /* pi / 180 */
 
 /* One step of the way to a value: into a key, or (key == NULL) into an item of an array. */
@@ -41,10 +44,6 @@ typedef struct {
     char *dump;
     size_t dump_length, dump_size;
 } Reader;
-
-typedef struct {
-    double x, y, z;
-} Double3;
 
 /* ---- where in the text a value stands ---- */
 
@@ -246,8 +245,8 @@ static int get_pixels(Reader *reader, const json_t *object, const char *key)
     return (int)number;
 }
 
-static Double3 get_triple(Reader *reader, const json_t *object, const char *key, double low,
-                          double high)
+static Vec3d get_triple(Reader *reader, const json_t *object, const char *key, double low,
+                        double high)
 {
     double v[3] = {0, 0, 0};
     const json_t *array = json_object_get(object, key);
@@ -260,15 +259,15 @@ static Double3 get_triple(Reader *reader, const json_t *object, const char *key,
         leave(reader);
     }
     leave(reader);
-    return (Double3){v[0], v[1], v[2]};
+    return (Vec3d){v[0], v[1], v[2]};
 }
 
-static Double3 get_point(Reader *reader, const json_t *object, const char *key)
+static Vec3d get_point(Reader *reader, const json_t *object, const char *key)
 {
     return get_triple(reader, object, key, -MAX_COORDINATE, MAX_COORDINATE);
 }
 
-static Double3 get_color(Reader *reader, const json_t *object, const char *key)
+static Vec3d get_color(Reader *reader, const json_t *object, const char *key)
 {
     return get_triple(reader, object, key, 0, MAX_COLOR);
 }
@@ -322,13 +321,12 @@ static const json_t *get_items(Reader *reader, const json_t *root, const char *k
     return array;
 }
 
-/* Refuses a name that an earlier item of either array bears. */
-static void check_unique(Reader *reader, const json_t *root, const char *first, const char *second,
+/* Refuses a name that an earlier item of any of these arrays bears; groups ends with NULL. */
+static void check_unique(Reader *reader, const json_t *root, const char *const groups[],
                          const char *kind)
 {
     const json_t *seen = json_object();
-    const char *const groups[2] = {first, second};
-    for (int g = 0; g < 2 && !reader->refused; g++) {
+    for (int g = 0; groups[g] && !reader->refused; g++) {
         const json_t *array = json_object_get(root, groups[g]);
         for (size_t i = 0; i < json_array_size(array) && !reader->refused; i++) {
             const json_t *name = json_object_get(json_array_get(array, i), "name");
@@ -344,31 +342,16 @@ static void check_unique(Reader *reader, const json_t *root, const char *first, 
     json_decref((json_t *)seen);
 }
 
-/* ---- double vectors, in the Python reader's order of operations: both give the same bits ---- */
+/* ---- vectors, in the Python reader's order of operations: both give the same bits ---- */
 
-static Double3 minus(Double3 a, Double3 b)
+static Vec3d divided(Vec3d v, double by)
 {
-    return (Double3){a.x - b.x, a.y - b.y, a.z - b.z};
+    return (Vec3d){v.x / by, v.y / by, v.z / by};
 }
 
-static Double3 cross(Double3 a, Double3 b)
+static Vec3d unit(Reader *reader, const char *key, Vec3d v)
 {
-    return (Double3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
-static double length_of(Double3 v)
-{
-    return sqrt(v.x * v.x + v.y * v.y + v.z * v.z);
-}
-
-static Double3 divided(Double3 v, double by)
-{
-    return (Double3){v.x / by, v.y / by, v.z / by};
-}
-
-static Double3 unit(Reader *reader, const char *key, Double3 v)
-{
-    double length = length_of(v);
+    double length = vec3d_length(v);
     if (length < MIN_LENGTH) {
         refuse_key(reader, key, "a zero vector has no direction");
         return v;
@@ -376,12 +359,12 @@ static Double3 unit(Reader *reader, const char *key, Double3 v)
     return divided(v, length);
 }
 
-static Vec3 to_vec3(Double3 v)
+static Vec3 to_vec3(Vec3d v)
 {
     return (Vec3){(real)v.x, (real)v.y, (real)v.z};
 }
 
-static Rgb to_rgb(Double3 v)
+static Rgb to_rgb(Vec3d v)
 {
     return (Rgb){(real)v.x, (real)v.y, (real)v.z};
 }
@@ -415,7 +398,7 @@ static void put_number(Reader *reader, const char *key, double value)
     put(reader, ", \"%s\": %.17g", key, value + 0.0); /* + 0.0 turns -0 into 0 */
 }
 
-static void put_triple(Reader *reader, const char *key, Double3 v)
+static void put_triple(Reader *reader, const char *key, Vec3d v)
 {
     put(reader, "\"%s\": [%.17g, %.17g, %.17g]", key, v.x + 0.0, v.y + 0.0, v.z + 0.0);
 }
@@ -425,7 +408,7 @@ static void put_item(Reader *reader, size_t index, const char *name)
     put(reader, "%s\n    {\"name\": \"%s\"", index ? "," : "", name);
 }
 
-static void put_field(Reader *reader, const char *key, Double3 v)
+static void put_field(Reader *reader, const char *key, Vec3d v)
 {
     put(reader, ", ");
     put_triple(reader, key, v);
@@ -433,15 +416,19 @@ static void put_field(Reader *reader, const char *key, Double3 v)
 
 /* ---- the scene's parts: from the lab's numbers to SI ---- */
 
-/* Reads every item of an array with `read`, between the dump's brackets. */
+/* Reads every item of an array with `read`, between the dump's brackets. Shapes that came later
+ * stand in the dump only where a scene has them: hashes stay. */
 typedef void ReadItem(Reader *reader, const json_t *item, size_t index, void *out);
+typedef enum { DUMP_ALWAYS, DUMP_IF_ANY } DumpItems;
 
-static int read_items(Reader *reader, const json_t *root, const char *key, ReadItem *read,
-                      void *items, size_t item_size)
+static int read_items(Reader *reader, const json_t *root, const char *key, DumpItems dump,
+                      ReadItem *read, void *items, size_t item_size)
 {
     int count;
     const json_t *array = get_items(reader, root, key, &count);
-    put(reader, "  \"%s\": [", key);
+    if (count == 0 && dump == DUMP_IF_ANY)
+        return 0;
+    put(reader, ",\n  \"%s\": [", key);
     for (size_t i = 0; i < (size_t)count && !reader->refused; i++) {
         enter(reader, key, 0);
         enter(reader, NULL, i);
@@ -458,9 +445,9 @@ static void read_sphere(Reader *reader, const json_t *item, size_t index, void *
     char name[MAX_NAME + 1];
     check_keys(reader, item, KEYS);
     get_name(reader, item, name);
-    Double3 center = get_point(reader, item, "center");
+    Vec3d center = get_point(reader, item, "center");
     double radius = get_number(reader, item, "radius", MIN_LENGTH, MAX_COORDINATE);
-    Double3 brdf = get_color(reader, item, "color");
+    Vec3d brdf = get_color(reader, item, "color");
     put_item(reader, index, name);
     put_field(reader, "center", center);
     put_number(reader, "radius", radius);
@@ -475,9 +462,9 @@ static void read_plane(Reader *reader, const json_t *item, size_t index, void *o
     char name[MAX_NAME + 1];
     check_keys(reader, item, KEYS);
     get_name(reader, item, name);
-    Double3 point = get_point(reader, item, "point");
-    Double3 normal = unit(reader, "normal", get_point(reader, item, "normal"));
-    Double3 brdf = get_color(reader, item, "color");
+    Vec3d point = get_point(reader, item, "point");
+    Vec3d normal = unit(reader, "normal", get_point(reader, item, "normal"));
+    Vec3d brdf = get_color(reader, item, "color");
     put_item(reader, index, name);
     put_field(reader, "point", point);
     put_field(reader, "normal", normal);
@@ -486,12 +473,12 @@ static void read_plane(Reader *reader, const json_t *item, size_t index, void *o
     *(Plane *)out = (Plane){to_vec3(point), to_vec3(normal), to_rgb(brdf)};
 }
 
-/* color * power: a quad's radiance [W m^-2 sr^-1], a point light's radiant intensity [W sr^-1] */
-static Double3 color_times_power(Reader *reader, const json_t *item)
+/* color * power: a surface's radiance [W m^-2 sr^-1], a point light's radiant intensity [W sr^-1] */
+static Vec3d color_times_power(Reader *reader, const json_t *item)
 {
-    Double3 color = get_color(reader, item, "color");
+    Vec3d color = get_color(reader, item, "color");
     double power = get_number(reader, item, "power", 0, MAX_POWER);
-    Double3 product = {color.x * power, color.y * power, color.z * power};
+    Vec3d product = {color.x * power, color.y * power, color.z * power};
     if (fmax(product.x, fmax(product.y, product.z)) > MAX_RADIANCE)
         refuse_key(reader, "power", "color * power is over 1e+30");
     return product;
@@ -503,13 +490,55 @@ static void read_point_light(Reader *reader, const json_t *item, size_t index, v
     char name[MAX_NAME + 1];
     check_keys(reader, item, KEYS);
     get_name(reader, item, name);
-    Double3 position = get_point(reader, item, "position");
-    Double3 radiant_intensity = color_times_power(reader, item);
+    Vec3d position = get_point(reader, item, "position");
+    Vec3d radiant_intensity = color_times_power(reader, item);
     put_item(reader, index, name);
     put_field(reader, "position", position);
     put_field(reader, "radiant_intensity", radiant_intensity);
     put(reader, "}");
     *(Light *)out = (Light){LIGHT_POINT, {.point = {to_vec3(position), to_rgb(radiant_intensity)}}};
+}
+
+/* What a quad and a triangle have in common. */
+typedef struct {
+    Vec3d corner, edge_u, edge_v;
+    Vec3d normal;     /* normalize(u x v) */
+    double quad_area; /* |u x v| [m^2] */
+} Edges;
+
+static Edges get_edges(Reader *reader, const json_t *item, const char *shape)
+{
+    Edges edges = {.corner = get_point(reader, item, "position"),
+                   .edge_u = get_point(reader, item, "u"),
+                   .edge_v = get_point(reader, item, "v")};
+    unit(reader, "u", edges.edge_u);
+    unit(reader, "v", edges.edge_v);
+    Vec3d normal = vec3d_cross(edges.edge_u, edges.edge_v);
+    edges.quad_area = vec3d_length(normal);
+    if (edges.quad_area <= MIN_LENGTH * vec3d_length(edges.edge_u) * vec3d_length(edges.edge_v)) {
+        char reason[60];
+        snprintf(reason, sizeof reason, "u and v are parallel: the %s has no area", shape);
+        refuse_key(reader, "v", reason);
+    } else {
+        edges.normal = divided(normal, edges.quad_area);
+    }
+    return edges;
+}
+
+static void put_edges(Reader *reader, const Edges *edges)
+{
+    put_field(reader, "corner", edges->corner);
+    put_field(reader, "edge_u", edges->edge_u);
+    put_field(reader, "edge_v", edges->edge_v);
+    put_field(reader, "normal", edges->normal);
+}
+
+/* The last two fields of every light that is a surface. */
+static void put_emission(Reader *reader, double area, Vec3d radiance)
+{
+    put_number(reader, "area", area);
+    put_field(reader, "radiance", radiance);
+    put(reader, "}");
 }
 
 static void read_quad_light(Reader *reader, const json_t *item, size_t index, void *out)
@@ -518,29 +547,91 @@ static void read_quad_light(Reader *reader, const json_t *item, size_t index, vo
     char name[MAX_NAME + 1];
     check_keys(reader, item, KEYS);
     get_name(reader, item, name);
-    Double3 corner = get_point(reader, item, "position");
-    Double3 edge_u = get_point(reader, item, "u");
-    Double3 edge_v = get_point(reader, item, "v");
-    unit(reader, "u", edge_u);
-    unit(reader, "v", edge_v);
-    Double3 normal = cross(edge_u, edge_v);
-    double area = length_of(normal);
-    if (area <= MIN_LENGTH * length_of(edge_u) * length_of(edge_v))
-        refuse_key(reader, "v", "u and v are parallel: the quad has no area");
-    else
-        normal = divided(normal, area);
-    Double3 radiance = color_times_power(reader, item);
+    Edges edges = get_edges(reader, item, "quad");
+    double area = edges.quad_area;
+    Vec3d radiance = color_times_power(reader, item);
     put_item(reader, index, name);
-    put_field(reader, "corner", corner);
-    put_field(reader, "edge_u", edge_u);
-    put_field(reader, "edge_v", edge_v);
+    put_edges(reader, &edges);
+    put_emission(reader, area, radiance);
+    *(Light *)out =
+        (Light){LIGHT_QUAD,
+                {.quad = {to_vec3(edges.corner), to_vec3(edges.edge_u), to_vec3(edges.edge_v),
+                          to_vec3(edges.normal), (real)area, to_rgb(radiance)}}};
+}
+
+static void read_disk_light(Reader *reader, const json_t *item, size_t index, void *out)
+{
+    static const char *const KEYS[] = {"name",  "center", "normal", "radius",
+                                       "color", "power",  NULL};
+    char name[MAX_NAME + 1];
+    check_keys(reader, item, KEYS);
+    get_name(reader, item, name);
+    Vec3d center = get_point(reader, item, "center");
+    Vec3d normal = unit(reader, "normal", get_point(reader, item, "normal"));
+    double radius = get_number(reader, item, "radius", MIN_LENGTH, MAX_COORDINATE);
+    double area = PI * radius * radius;
+    Vec3d radiance = color_times_power(reader, item);
+    put_item(reader, index, name);
+    put_field(reader, "center", center);
     put_field(reader, "normal", normal);
-    put_number(reader, "area", area);
-    put_field(reader, "radiance", radiance);
-    put(reader, "}");
-    *(Light *)out = (Light){LIGHT_QUAD,
-                            {.quad = {to_vec3(corner), to_vec3(edge_u), to_vec3(edge_v),
-                                      to_vec3(normal), (real)area, to_rgb(radiance)}}};
+    put_number(reader, "radius", radius);
+    put_emission(reader, area, radiance);
+    *(Light *)out = (Light){
+        LIGHT_DISK,
+        {.disk = {to_vec3(center), to_vec3(normal), (real)radius, (real)area, to_rgb(radiance)}}};
+}
+
+static void read_triangle_light(Reader *reader, const json_t *item, size_t index, void *out)
+{
+    static const char *const KEYS[] = {"name", "position", "u", "v", "color", "power", NULL};
+    char name[MAX_NAME + 1];
+    check_keys(reader, item, KEYS);
+    get_name(reader, item, name);
+    Edges edges = get_edges(reader, item, "triangle");
+    double area = edges.quad_area / 2;
+    Vec3d radiance = color_times_power(reader, item);
+    put_item(reader, index, name);
+    put_edges(reader, &edges);
+    put_emission(reader, area, radiance);
+    *(Light *)out =
+        (Light){LIGHT_TRIANGLE,
+                {.triangle = {to_vec3(edges.corner), to_vec3(edges.edge_u), to_vec3(edges.edge_v),
+                              to_vec3(edges.normal), (real)area, to_rgb(radiance)}}};
+}
+
+static void read_sphere_light(Reader *reader, const json_t *item, size_t index, void *out)
+{
+    static const char *const KEYS[] = {"name", "center", "radius", "color", "power", NULL};
+    char name[MAX_NAME + 1];
+    check_keys(reader, item, KEYS);
+    get_name(reader, item, name);
+    Vec3d center = get_point(reader, item, "center");
+    double radius = get_number(reader, item, "radius", MIN_LENGTH, MAX_COORDINATE);
+    double area = 4 * PI * radius * radius;
+    Vec3d radiance = color_times_power(reader, item);
+    put_item(reader, index, name);
+    put_field(reader, "center", center);
+    put_number(reader, "radius", radius);
+    put_emission(reader, area, radiance);
+    *(Light *)out = (Light){
+        LIGHT_SPHERE, {.sphere = {to_vec3(center), (real)radius, (real)area, to_rgb(radiance)}}};
+}
+
+/* Every shape of light, in the order in which a scene holds them: an index decides which random
+ * numbers a light gets. */
+enum { LIGHT_SHAPES = 5 };
+static const char *const LIGHT_KEYS[LIGHT_SHAPES + 1] = {
+    "point_lights", "quad_lights", "disk_lights", "triangle_lights", "sphere_lights", NULL};
+static ReadItem *const READ_LIGHT[LIGHT_SHAPES] = {
+    read_point_light, read_quad_light, read_disk_light, read_triangle_light, read_sphere_light};
+
+static void read_lights(Reader *reader, const json_t *root, Scene *scene)
+{
+    for (int shape = 0; shape < LIGHT_SHAPES; shape++)
+        scene->nb_lights +=
+            read_items(reader, root, LIGHT_KEYS[shape], shape < 2 ? DUMP_ALWAYS : DUMP_IF_ANY,
+                       READ_LIGHT[shape], scene->lights + scene->nb_lights, sizeof *scene->lights);
+    check_unique(reader, root, LIGHT_KEYS, "light");
 }
 
 static Camera read_camera(Reader *reader, const json_t *root)
@@ -549,17 +640,17 @@ static Camera read_camera(Reader *reader, const json_t *root)
     const json_t *item = json_object_get(root, "camera");
     enter(reader, "camera", 0);
     check_keys(reader, item, KEYS);
-    Double3 position = get_point(reader, item, "position");
-    Double3 look_at = get_point(reader, item, "look_at");
-    Double3 up = unit(reader, "up", get_point(reader, item, "up"));
+    Vec3d position = get_point(reader, item, "position");
+    Vec3d look_at = get_point(reader, item, "look_at");
+    Vec3d up = unit(reader, "up", get_point(reader, item, "up"));
     double fov_y_deg = get_number(reader, item, "fov_y_deg", 0.001, 179);
-    Double3 forward = unit(reader, "look_at", minus(look_at, position));
-    Double3 right = cross(up, forward);
-    if (length_of(right) <= MIN_LENGTH)
+    Vec3d forward = unit(reader, "look_at", vec3d_sub(look_at, position));
+    Vec3d right = vec3d_cross(up, forward);
+    if (vec3d_length(right) <= MIN_LENGTH)
         refuse_key(reader, "up", "up is parallel to the view direction");
     else
-        right = divided(right, length_of(right));
-    up = cross(forward, right);
+        right = divided(right, vec3d_length(right));
+    up = vec3d_cross(forward, right);
     leave(reader);
 
     put(reader, "  \"camera\": {");
@@ -575,9 +666,14 @@ static Camera read_camera(Reader *reader, const json_t *root)
 
 static void read_scene(Reader *reader, const json_t *root, Scene *scene)
 {
-    static const char *const KEYS[] = {
-        "name",    "?description",  "image",        "camera",           "background", "?spheres",
-        "?planes", "?point_lights", "?quad_lights", "ray_max_distance", NULL};
+    static const char *const KEYS[] = {"name",           "?description",
+                                       "image",          "camera",
+                                       "background",     "ray_max_distance",
+                                       "?spheres",       "?planes",
+                                       "?point_lights",  "?quad_lights",
+                                       "?disk_lights",   "?triangle_lights",
+                                       "?sphere_lights", NULL};
+    static const char *const OBJECT_KEYS[] = {"spheres", "planes", NULL};
     static const char *const IMAGE_KEYS[] = {"width", "height", NULL};
 
     check_keys(reader, root, KEYS);
@@ -592,36 +688,29 @@ static void read_scene(Reader *reader, const json_t *root, Scene *scene)
     leave(reader);
 
     scene->camera = read_camera(reader, root);
-    Double3 background = get_color(reader, root, "background");
+    Vec3d background = get_color(reader, root, "background");
     put(reader, "  ");
     put_triple(reader, "background_radiance", background);
     double ray_max_distance =
         get_number(reader, root, "ray_max_distance", MIN_LENGTH, MAX_COORDINATE);
-    put(reader, ",\n  \"ray_max_distance\": %.17g,\n", ray_max_distance);
+    put(reader, ",\n  \"ray_max_distance\": %.17g", ray_max_distance);
     scene->background = to_rgb(background);
     scene->ray_max_distance = (real)ray_max_distance;
 
     scene->spheres = calloc(MAX_ITEMS, sizeof *scene->spheres);
     scene->planes = calloc(MAX_ITEMS, sizeof *scene->planes);
-    scene->lights = calloc(2 * MAX_ITEMS, sizeof *scene->lights);
+    scene->lights = calloc(LIGHT_SHAPES * MAX_ITEMS, sizeof *scene->lights);
     if (!scene->spheres || !scene->planes || !scene->lights) {
         refuse_at_line(reader, 0, "", "out of memory");
         return;
     }
-    scene->nb_spheres =
-        read_items(reader, root, "spheres", read_sphere, scene->spheres, sizeof *scene->spheres);
-    put(reader, ",\n");
-    scene->nb_planes =
-        read_items(reader, root, "planes", read_plane, scene->planes, sizeof *scene->planes);
-    put(reader, ",\n");
-    scene->nb_lights = read_items(reader, root, "point_lights", read_point_light, scene->lights,
-                                  sizeof *scene->lights);
-    put(reader, ",\n");
-    scene->nb_lights += read_items(reader, root, "quad_lights", read_quad_light,
-                                   scene->lights + scene->nb_lights, sizeof *scene->lights);
+    scene->nb_spheres = read_items(reader, root, "spheres", DUMP_ALWAYS, read_sphere,
+                                   scene->spheres, sizeof *scene->spheres);
+    scene->nb_planes = read_items(reader, root, "planes", DUMP_ALWAYS, read_plane, scene->planes,
+                                  sizeof *scene->planes);
+    check_unique(reader, root, OBJECT_KEYS, "object");
+    read_lights(reader, root, scene);
     put(reader, "\n");
-    check_unique(reader, root, "spheres", "planes", "object");
-    check_unique(reader, root, "point_lights", "quad_lights", "light");
 }
 
 /* ---- the file ---- */
