@@ -58,6 +58,33 @@ def random_scene(seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def random_scene_of_all_lights(seed: int) -> dict[str, Any]:
+    """The same with a light or two of each other shape."""
+    rng = np.random.default_rng([seed, 1])
+    scene = random_scene(seed)
+
+    def vector(low: float, high: float) -> list[float]:
+        return [float(x) for x in rng.uniform(low, high, 3)]
+
+    def lights(name: str, shape: Callable[[], dict[str, Any]]) -> list[dict[str, Any]]:
+        return [
+            {"name": f"{name}{i}", **shape(), "color": vector(0, 1), "power": 10.0}
+            for i in range(rng.integers(1, 3))
+        ]
+
+    def radius() -> float:
+        return float(10 ** rng.uniform(-1.5, 0.4))
+
+    scene["disk_lights"] = lights(
+        "d", lambda: {"center": vector(-4, 4), "normal": vector(-1, 1), "radius": radius()}
+    )
+    scene["triangle_lights"] = lights(
+        "t", lambda: {"position": vector(-4, 4), "u": vector(-3, 3), "v": vector(-3, 3)}
+    )
+    scene["sphere_lights"] = lights("o", lambda: {"center": vector(-4, 4), "radius": radius()})
+    return scene
+
+
 def assert_same(kernel: Image, textbook: Image, light_samples: int) -> None:
     """Both draw the same points, so they differ by rounding: 1e-4 relatively, where the terms
     have conditions (distance to the light, grazing angles) of up to 1e3 over float's 6e-8. A
@@ -74,7 +101,7 @@ def assert_same(kernel: Image, textbook: Image, light_samples: int) -> None:
 def test_estimator_packet_is_the_textbook_on_random_scenes(
     seed: int, sampler: str, render: Render, make_scene: Callable[..., Path]
 ) -> None:
-    scene = make_scene(**random_scene(seed))
+    scene = make_scene(**random_scene_of_all_lights(seed))
     options = {"light_samples": 7, "sampler": sampler, "seed": seed}
     kernel = render(scene, estimator="area", **options)
     textbook = render(scene, estimator="textbook", **options)
@@ -101,7 +128,7 @@ def test_estimator_packet_is_the_textbook_on_the_labs_scenes(
 def test_every_sampler_is_bit_identical_for_any_number_of_threads(
     sampler: str, render: Render, make_scene: Callable[..., Path]
 ) -> None:
-    scene = make_scene(**random_scene(3))
+    scene = make_scene(**random_scene_of_all_lights(3))
     images = [render(scene, threads=t, sampler=sampler, light_samples=9) for t in (1, 2, 3, 8)]
     for image in images[1:]:
         assert np.array_equal(image.radiance, images[0].radiance)
@@ -123,7 +150,7 @@ def test_exact_estimator_is_the_exact_solution(scene: str, render: Render, scene
 def test_every_estimator_is_bit_identical_for_any_number_of_threads(
     estimator: str, render: Render, make_scene: Callable[..., Path]
 ) -> None:
-    scene = make_scene(**random_scene(5))
+    scene = make_scene(**random_scene_of_all_lights(5))
     images = [render(scene, threads=t, estimator=estimator, light_samples=5) for t in (1, 3, 8)]
     for image in images[1:]:
         assert np.array_equal(image.radiance, images[0].radiance)

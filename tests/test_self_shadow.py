@@ -312,11 +312,13 @@ def test_renderer_answers_as_the_study_says_of_skipping(
     scene, kept = _core_scene(built, study, precision, translation, scale)
     library = built.library
     same = []
+    sampler = built.ffi.new("LightSampler *")
     for ray, row in zip(study.rays(precision, RAYS, 4).tolist(), judged, strict=True):
         if row[TRUTH] == NOT_SENT:
             continue
         hit = library.scene_hit(scene, {"origin": kept["camera"], "direction": ray[:3]})
-        sample = library.light_sample(scene.lights, hit.point, {"x": ray[3], "y": ray[4]})
+        library.light_sampler_create(sampler, scene.lights, hit.point, library.SPREAD_AREA)
+        sample = library.light_sampler_draw(sampler, {"x": ray[3], "y": ray[4]})
         shadow_ray = {"origin": hit.point, "direction": sample.direction}
         hidden = library.scene_occluded(scene, shadow_ray, sample.distance, hit.object)
         same.append(hidden == (row[SKIP] != VISIBLE))

@@ -88,6 +88,7 @@ class Cases:
         sample = ffi.from_buffer("LightSample[]", out)
         brought = np.zeros((self.n, 6), c.dtype)
         estimate = ffi.from_buffer("Estimate[]", brought)
+        sampler = ffi.new("LightSampler *")
         self.random = uniforms(SEED, np.arange(self.n), 0, 1)
         random = np.asarray(self.random, c.dtype)
         place = ffi.from_buffer("Uniform2[]", random)
@@ -96,7 +97,10 @@ class Cases:
         assert library.point_set_create(points, library.SAMPLER_INDEPENDENT, 1, SEED)
         stream = ffi.new("RngStream *", {"seed": SEED})
         for k in range(self.n):
-            sample[k] = library.light_sample(lights + k, hits[k].point, place[k])
+            library.light_sampler_create(
+                sampler, lights + k, hits[k].point, library.SPREAD_AREA
+            )
+            sample[k] = library.light_sampler_draw(sampler, place[k])
             scene.lights = lights + k
             stream.pixel = k
             estimate[k] = library.direct_lighting(

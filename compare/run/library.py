@@ -24,6 +24,7 @@ PROGRAM = ROOT / "build" / "bin" / "penumbra-render"
 LIBRARY = ROOT / "build" / "lib" / "libpenumbra.so"
 SAME, FEW = 1e-4, 1e-3
 HEADERS = (
+    "exact/irradiance.h",
     "packet/adaptive.h",
     "packet/irradiance_packet.h",
     "frame/trust.h",

@@ -22,7 +22,6 @@
 #define MAX_COLOR 1e6
 #define MAX_POWER 1e30
 #define MAX_RADIANCE 1e30
-#define PI 3.141592653589793
 #define DEGREE 0.017453292519943295 /* pi / 180 */
 
 /* One step of the way to a value: into a key, or (key == NULL) into an item of an array. */
