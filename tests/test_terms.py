@@ -97,9 +97,7 @@ class Cases:
         assert library.point_set_create(points, library.SAMPLER_INDEPENDENT, 1, SEED)
         stream = ffi.new("RngStream *", {"seed": SEED})
         for k in range(self.n):
-            library.light_sampler_create(
-                sampler, lights + k, hits[k].point, library.SPREAD_AREA
-            )
+            library.light_sampler_create(sampler, lights + k, hits[k].point, library.SPREAD_AREA)
             sample[k] = library.light_sampler_draw(sampler, place[k])
             scene.lights = lights + k
             stream.pixel = k

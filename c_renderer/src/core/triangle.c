@@ -32,8 +32,8 @@ bool spherical_triangle_create(SphericalTriangle *triangle, const TriangleLight 
     t.w2 = vec3_scale(p2, 1 / l2);
     t.g0 = fabs(vec3_dot(t.w0, vec3_cross(e1, e2))) / (l1 * l2);
     t.g1 = vec3_dot(t.w0, t.w2) + vec3_dot(t.w1, t.w2);
-    const real g2 = 1 + vec3_dot(t.w0, t.w1);
-    t.solid_angle = 2 * atan2(t.g0, t.g1 + g2);
+    t.g2 = 1 + vec3_dot(t.w0, t.w1);
+    t.solid_angle = 2 * atan2(t.g0, t.g1 + t.g2);
     *triangle = t;
     return t.solid_angle >= MIN_SOLID_ANGLE;
 }
@@ -45,7 +45,7 @@ Vec3 spherical_triangle_place(const SphericalTriangle *triangle, Uniform2 random
     /* the corner w of a triangle with the share u of the solid angle */
     const real half = random.x * t->solid_angle / 2, sine = sin(half), cosine = cos(half);
     Vec3 r = vec3_scale(t->w0, t->g0 * cosine - t->g1 * sine);
-    r = vec3_along(r, t->w2, t->g0 * sine);
+    r = vec3_along(r, t->w2, t->g2 * sine);
     const real r_squared = vec3_dot(r, r);
     const real along = r_squared > 0 ? 2 * vec3_dot(t->w0, r) / r_squared : 0;
     const Vec3 w = vec3_sub(vec3_scale(r, along), t->w0);

@@ -28,7 +28,7 @@ real triangle_highest(const TriangleLight *light, Vec3 direction);
  * 1e-10 sr. */
 typedef struct {
     Vec3 w0, w1, w2;  /* unit vectors to the corners */
-    real g0, g1;      /* tan(solid_angle / 2) = g0 / (g1 + g2) */
+    real g0, g1, g2;  /* tan(solid_angle / 2) = g0 / (g1 + g2) */
     real solid_angle; /* [sr] */
     Vec3 normal;      /* the light's */
     real height;      /* of its plane over the point [m] */

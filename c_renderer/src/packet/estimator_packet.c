@@ -236,8 +236,8 @@ void packet_sum(const LightPacket *light, LightType type, const SphericalRectang
 {
     PointPacket points;
     SumPacket chunk;
-    const bool sobol = set->sampler == SAMPLER_SOBOL, as_it_is = type == LIGHT_QUAD && !rectangle,
-               table = sobol && as_it_is;
+    const bool sobol = set->sampler == SAMPLER_SOBOL,
+               as_it_is = !rectangle && area_packet_is_square(type), table = sobol && as_it_is;
     const Spread spread = rectangle ? SPREAD_SOLID_ANGLE : SPREAD_AREA;
     if (sobol) {
         uint32_t word[4][LANES];

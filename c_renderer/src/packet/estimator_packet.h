@@ -7,7 +7,7 @@
 
 #include "core/estimator.h"
 #include "light_packet.h"
-#include "solid_angle_packet.h"
+#include "place_packet.h"
 
 typedef struct {
     RgbPacket radiance; /* [W m^-2 sr^-1] */

@@ -1,6 +1,6 @@
 /* The samples' places on a light for the sixteen points of a packet. */
-#ifndef PENUMBRA_SOLID_ANGLE_PACKET_H
-#define PENUMBRA_SOLID_ANGLE_PACKET_H
+#ifndef PENUMBRA_PLACE_PACKET_H
+#define PENUMBRA_PLACE_PACKET_H
 
 #include "core/light.h"
 #include "light_packet.h"
@@ -25,6 +25,10 @@ InLanes solid_angle_packet_create(SphericalRectanglePacket *rectangle, const Lig
  * directions to it are spread evenly over the solid angle. */
 void spherical_rectangle_packet_place(const SphericalRectanglePacket *rectangle, real x[LANES],
                                       real y[LANES]);
+
+/* Whether numbers that are even over the square are places that are even over the area of such a
+ * flat light: then there is nothing to do. */
+bool area_packet_is_square(LightType type);
 
 /* The same, such that places are spread evenly over the area of a flat light. */
 void area_packet_place(LightType type, real x[LANES], real y[LANES]);

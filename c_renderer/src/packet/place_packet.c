@@ -1,4 +1,4 @@
-#include "solid_angle_packet.h"
+#include "place_packet.h"
 
 static void set_lane(SphericalRectanglePacket *packet, int lane, const SphericalRectangle *r)
 {
@@ -67,6 +67,20 @@ void spherical_rectangle_packet_place(const SphericalRectanglePacket *rectangle,
         x[i] = place.s;
         y[i] = place.t;
     }
+}
+
+bool area_packet_is_square(LightType type)
+{
+    switch (type) {
+    case LIGHT_QUAD:
+        return true;
+    case LIGHT_POINT:
+    case LIGHT_DISK:
+    case LIGHT_TRIANGLE:
+    case LIGHT_SPHERE:
+        break;
+    }
+    return false;
 }
 
 void area_packet_place(LightType type, real x[LANES], real y[LANES])

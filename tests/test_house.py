@@ -1,0 +1,48 @@
+"""The house: which folder of the C renderer may use which, and where a light's shape is known."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = ROOT / "c_renderer" / "src"
+FLOORS = ("core", "exact", "packet", "frame", "io")
+"""From the ground up: each may include itself and those before it."""
+SHAPES = ("POINT", "QUAD", "DISK", "TRIANGLE", "SPHERE")
+
+
+def sources(floor: str) -> list[Path]:
+    return sorted((SOURCES / floor).glob("*.[ch]"))
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_arrows_run_downwards_only(floor: str) -> None:
+    """core/, what students read, so includes nothing of the other four."""
+    below = FLOORS[: FLOORS.index(floor)]
+    assert sources(floor)
+    for file in sources(floor):
+        for name in re.findall(r'#include "([^"]+)"', file.read_text()):
+            folder, _, _ = name.rpartition("/")
+            assert folder in below if folder else (file.parent / name).exists(), (file.name, name)
+
+
+def test_core_can_be_read_in_one_sitting() -> None:
+    """No file of it is longer than the longest of minilight's."""
+    lengths = {file.name: len(file.read_text().splitlines()) for file in sources("core")}
+    assert max(lengths.values()) <= 343
+    assert sum(lengths.values()) <= 1700, lengths
+
+
+def test_every_choice_by_shape_is_a_switch_that_lists_them_all() -> None:
+    """So that the compiler names each place that a new shape touches: no comparison of a type, and
+    no `default` where shapes are chosen."""
+    for file in [f for floor in FLOORS for f in sources(floor)]:
+        text = file.read_text()
+        assert not re.search(r"[!=]= *LIGHT_|LIGHT_[A-Z]+ *[!=]=", text), file.name
+        for _, switch in re.findall(r"^( *)switch \([^)]*type\) (\{[\s\S]*?\n\1\})", text, re.M):
+            assert "default:" not in switch, file.name
+            for shape in SHAPES:
+                assert f"case LIGHT_{shape}:" in switch, (file.name, shape)
