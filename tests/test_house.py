@@ -42,7 +42,9 @@ def test_every_choice_by_shape_is_a_switch_that_lists_them_all() -> None:
     for file in [f for floor in FLOORS for f in sources(floor)]:
         text = file.read_text()
         assert not re.search(r"[!=]= *LIGHT_|LIGHT_[A-Z]+ *[!=]=", text), file.name
-        for _, switch in re.findall(r"^( *)switch \([^)]*type\) (\{[\s\S]*?\n\1\})", text, re.M):
-            assert "default:" not in switch, file.name
+        for indent, switch in re.findall(
+            r"^( *)switch \([^)]*type\) (\{[\s\S]*?\n\1\}\n)(?! *case)", text, re.M
+        ):
+            assert not re.search(rf"^{indent}default:", switch, re.M), file.name
             for shape in SHAPES:
                 assert f"case LIGHT_{shape}:" in switch, (file.name, shape)

@@ -231,9 +231,9 @@ def declarations(headers: tuple[str, ...], real: str) -> str:
     text = "".join(seen.values())
     text = re.sub(r"/\*[\s\S]*?\*/", "", text)
     text = re.sub(r"^#(?:.*\\\n)*.*$", "", text, flags=re.M)
-    text = re.sub(
-        r"^(?:static )?(?:ALWAYS_INLINE|inline) [^;{]*\{[\s\S]*?^\}", "", text, flags=re.M
-    )
+    body = r"([^;{]*)\{[\s\S]*?^\}"
+    text = re.sub(r"^(?:static inline|(?:static )?ALWAYS_INLINE) " + body, "", text, flags=re.M)
+    text = re.sub(r"^inline " + body, r"\1;", text, flags=re.M)
     text = re.sub(r"^typedef \w+ real;", "", text, flags=re.M).replace("ALIGNED", "")
     return f"typedef {real} real;\n{text}"
 
