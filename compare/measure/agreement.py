@@ -19,6 +19,7 @@ from scipy import ndimage
 
 from compare.exact.image import LIT, ExactImage, exact_image, regions
 from compare.exact.receivers import camera_hits
+from compare.measure.bounds import geometry_range
 from compare.measure.image import EIGHT_BIT, Image, read_image
 from compare.measure.metrics import luminance, measure_regions
 from compare.measure.statistics import (
@@ -34,7 +35,7 @@ from compare.measure.statistics import (
     range_test,
     scatter_test,
 )
-from compare.scene import PointLight, QuadLight, Scene, read_scene
+from compare.scene import PointLight, Scene, read_scene
 
 DELTA = 5e-4
 """The bias, relative to a region's mean, that an image may have and still agree with exact."""
@@ -275,10 +276,9 @@ def sample_range(
     """The least and the most that one light sample brings to each pixel's R, G, B: two arrays
     (H, W, 3) [W m^-2 sr^-1].
 
-    A sample of a quad, drawn by area or by solid angle, brings brdf L_e A cos cos / d^2 within
-    the bounds that the largest and smallest cosines and distances over the quad give (not
-    tight, but valid), or 0 if it is hidden: the least is 0 wherever the exact solution does not
-    say that every light is wholly visible. Of n lights a sample may take all, as this
+    A sample of a light brings brdf L_e A cos cos / d^2 within the bounds of geometry_range, or 0
+    if it is hidden: the least is 0 wherever the exact solution does not say that every light is
+    wholly visible. Of n lights a sample may take all, as this
     repository's renderer does, or one at random and n times its light, as Cycles does: it
     brings n times the brightest one's at most. With pixel_samples > 1 the range covers the
     3x3 pixels around.
@@ -289,23 +289,15 @@ def sample_range(
     on = np.flatnonzero(hits.object_id >= 0)
     point, normal = hits.point[on], hits.normal[on]
     least, most = np.full((len(on), 3), np.inf), np.zeros((len(on), 3))
-    lights: tuple[QuadLight | PointLight, ...] = (*scene.quad_lights, *scene.point_lights)
-    for light in lights:
-        if isinstance(light, QuadLight):
-            emitted = np.asarray(light.radiance)
-            geometry = _geometry_range(light, point, normal)
-        else:
-            emitted = np.asarray(light.radiant_intensity)
-            to_light = np.asarray(light.position) - point
-            distance = np.linalg.norm(to_light, axis=1)
-            height_above = np.maximum(np.einsum("ij,ij->i", to_light, normal), 0)
-            geometry = (height_above / distance**3,) * 2
-        least = np.minimum(least, emitted * geometry[0][:, None])
-        most = np.maximum(most, emitted * geometry[1][:, None])
+    for light in scene.lights:
+        emitted = light.radiant_intensity if isinstance(light, PointLight) else light.radiance
+        darkest, brightest = geometry_range(light, point, normal)
+        least = np.minimum(least, np.asarray(emitted) * darkest[:, None])
+        most = np.maximum(most, np.asarray(emitted) * brightest[:, None])
     least[~np.isfinite(least)] = 0  # no light at all
     brdf = np.array([thing.brdf for thing in scene.objects]).reshape(-1, 3)[hits.object_id[on]]
     low, high = np.zeros((2, height * width, 3))
-    low[on], high[on] = len(lights) * brdf * least, len(lights) * brdf * most
+    low[on], high[on] = len(scene.lights) * brdf * least, len(scene.lights) * brdf * most
     low, high = low.reshape(height, width, 3), high.reshape(height, width, 3)
     low[exact.shadow != LIT] = 0
     if pixel_samples > 1:
@@ -465,40 +457,6 @@ class _Case:
         consistent = np.ones(self.lit.shape, dtype=bool)
         consistent[self.masks["all"]] = benjamini_hochberg(p) > 1 - confidence
         return consistent
-
-
-def _geometry_range(
-    light: QuadLight, point: np.ndarray, normal: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds, over the quad, of A cos_surface cos_light / d^2: (n,) least and most.
-
-    cos cos / d^2 = (n . w) h / d^4 with w from the point to the quad and h the distance from
-    its plane: n . w is extreme at a corner, d largest at a corner.
-    """
-    corner, u, v = (np.asarray(a) for a in (light.corner, light.edge_u, light.edge_v))
-    corners = corner + np.array([0 * u, u, u + v, v])
-    to_corners = corners - point[:, None, :]
-    above = np.maximum(np.einsum("ikj,ij->ik", to_corners, normal), 0)
-    from_plane = np.maximum(to_corners[:, 0] @ np.asarray(light.normal), 0)
-    farthest = np.linalg.norm(to_corners, axis=2).max(axis=1)
-    nearest = _distance_to_parallelogram(to_corners, from_plane)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        least = light.area * above.min(axis=1) * from_plane / farthest**4
-        most = light.area * above.max(axis=1) * from_plane / nearest**4
-    return least, np.nan_to_num(most, nan=0.0)
-
-
-def _distance_to_parallelogram(to_corners: np.ndarray, from_plane: np.ndarray) -> np.ndarray:
-    """Distance from the origin to n parallelograms (n, 4, 3), from_plane above theirs."""
-    start, along = to_corners, np.roll(to_corners, -1, axis=1) - to_corners
-    step = -np.einsum("ikj,ikj->ik", start, along) / np.einsum("ikj,ikj->ik", along, along)
-    closest = start + np.clip(step, 0, 1)[..., None] * along
-    to_edges = np.linalg.norm(closest, axis=2).min(axis=1)
-    # The foot of the perpendicular is inside if it is on the same side of all four edges.
-    normal = np.cross(along[:, 0], along[:, 1])
-    side = np.einsum("ikj,ij->ik", np.cross(along, -start), normal)
-    inside = (side >= 0).all(axis=1) | (side <= 0).all(axis=1)
-    return np.where(inside, np.minimum(np.abs(from_plane), to_edges), to_edges)
 
 
 def _in_parts(image: Image | ExactImage) -> bool:
