@@ -126,6 +126,8 @@ CONDITION = {
     "needle": lambda a: max(a, 1 / a),
     "size": lambda s: max(s, 1),
     "sphere": lambda r: r * r + 1,
+    "sphere-light-size": lambda r: r + 1,
+    "sphere-light-touching": lambda h: 10,  # as distance
 }  # fmt: skip
 
 
@@ -187,9 +189,12 @@ def any_scene(draw: st.DrawFn) -> dict[str, Any]:
         "spheres": some(0, 2, center=VECTOR, radius=LENGTH, color=COLOUR),
         "planes": some(0, 2, point=VECTOR, normal=VECTOR, color=COLOUR),
         "point_lights": some(0, 1, position=VECTOR, **lights),
-        "quad_lights": some(1, 2, position=VECTOR, u=VECTOR, v=VECTOR, **lights),
+        "quad_lights": some(0, 2, position=VECTOR, u=VECTOR, v=VECTOR, **lights),
+        "disk_lights": some(0, 1, center=VECTOR, normal=VECTOR, radius=LENGTH, **lights),
+        "triangle_lights": some(0, 1, position=VECTOR, u=VECTOR, v=VECTOR, **lights),
+        "sphere_lights": some(0, 1, center=VECTOR, radius=LENGTH, **lights),
     }
-    for letter, items in zip("spqr", named.values(), strict=True):
+    for letter, items in zip("abcdefg", named.values(), strict=True):
         for item in items:
             item["name"] = letter + item["name"]
     return {

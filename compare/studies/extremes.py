@@ -11,6 +11,10 @@ from typing import Any
 Scene = dict[str, Any]
 """A scene file's content."""
 Build = Callable[[float], Scene]
+KINDS = (
+    "spheres", "planes", "point_lights", "quad_lights", "disk_lights", "triangle_lights",
+    "sphere_lights",
+)  # fmt: skip
 WIDTH, HEIGHT = 8, 6
 """[pixels]; what breaks, breaks in every pixel"""
 
@@ -68,6 +72,14 @@ def lit_floor(
     }  # fmt: skip
 
 
+def under(shape: str, look_at: Sequence[float] = (0.1, 0, 0.05), **light: Any) -> Scene:
+    """The floor under one light of another shape, its entry in the scene file given by keys."""
+    scene = lit_floor(look_at=look_at)
+    del scene["quad_lights"]
+    entry = {"name": "light", **light, "color": [1, 1, 1], "power": 1.0}
+    return scene | {f"{shape}_lights": [entry]}
+
+
 def light_of_side(side: float, height: float = 1.0) -> Scene:
     half = side / 2
     return lit_floor((half, height, -half), (-side, 0, 0), (0, 0, side))
@@ -80,7 +92,7 @@ def standing_light(low: float, high: float, x: float = 1.0) -> Scene:
 
 def translated(scene: Scene, by: float) -> Scene:
     """Along (1, 1, 1), by that much on each axis."""
-    return _mapped(scene, lambda point: [x + by for x in point], lambda v: v)
+    return _mapped(scene, lambda point: [x + by for x in point], list, list)
 
 
 def scaled(scene: Scene, by: float) -> Scene:
@@ -89,9 +101,9 @@ def scaled(scene: Scene, by: float) -> Scene:
     def grow(v: Sequence[float]) -> list[float]:
         return [x * by for x in v]
 
-    larger = _mapped(scene, grow, grow)
-    for sphere in larger["spheres"]:
-        sphere["radius"] *= by
+    larger = _mapped(scene, grow, grow, list)
+    for item in [part for kind in KINDS for part in larger.get(kind, []) if "radius" in part]:
+        item["radius"] *= by
     larger["ray_max_distance"] = min(1e9, max(1e-9, 1e3 * by))
     return larger
 
@@ -104,36 +116,33 @@ def tilted(scene: Scene) -> Scene:
         x, y, z = c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
         return [x, d * y - t * z, t * y + d * z]
 
-    new = _mapped(scene, turn, turn)
+    new = _mapped(scene, turn, turn, turn)
     new["camera"]["up"] = turn(new["camera"]["up"])
-    for plane in new["planes"]:
-        plane["normal"] = turn(plane["normal"])
     return new
 
 
 def mirrored(scene: Scene) -> Scene:
-    """In the plane x = 0. The light's u and v change places, so that it faces the same way."""
+    """In the plane x = 0. A light's u and v change places, so that it faces the same way."""
 
     def flip(v: Sequence[float]) -> list[float]:
         return [-v[0], *v[1:]]
 
-    other = _mapped(scene, flip, flip)
-    for light in other["quad_lights"]:
+    other = _mapped(scene, flip, flip, flip)
+    for light in other.get("quad_lights", []) + other.get("triangle_lights", []):
         light["u"], light["v"] = light["v"], light["u"]
-    for plane in other["planes"]:
-        plane["normal"] = flip(plane["normal"])
     return other
 
 
-def _mapped(scene: Scene, point: Callable[..., Any], vector: Callable[..., Any]) -> Scene:
+Map = Callable[[Sequence[float]], list[float]]
+
+
+def _mapped(scene: Scene, place: Map, edge: Map, normal: Map) -> Scene:
     new = copy.deepcopy(scene)
-    new["camera"] |= {k: point(new["camera"][k]) for k in ("position", "look_at")}
-    for kind, key in (("spheres", "center"), ("planes", "point"), ("quad_lights", "position"),
-                      ("point_lights", "position")):  # fmt: skip
-        for item in new.get(kind, []):
-            item[key] = point(item[key])
-    for light in new.get("quad_lights", []):
-        light |= {k: vector(light[k]) for k in ("u", "v")}
+    new["camera"] |= {k: place(new["camera"][k]) for k in ("position", "look_at")}
+    maps = {"position": place, "center": place, "point": place, "u": edge, "v": edge}
+    maps["normal"] = normal
+    for item in [part for kind in KINDS for part in new.get(kind, [])]:
+        item |= {key: maps[key](item[key]) for key in maps.keys() & item.keys()}
     return new
 
 
@@ -285,5 +294,44 @@ SWEEPS = (
         "touch", "A sphere at distance g below the light", "g [m]", signed(-7, -2),
         lambda g: lit_floor(spheres=[((0, 0.7 - g, 0), 0.3)], look_at=(0.35, 0, 0.05)),
         "cancellation", "At g = 0 it touches the light, below 0 it pierces it.",
+    ),
+    Sweep(
+        "disk-size", "A disk light of radius r, 1 m away", "r [m]", decades(-6, 6),
+        lambda r: under("disk", center=[0, 1, 0], normal=[0, 1, 0], radius=r), "absorption",
+        "As a small square: its frame is made of the normal, and the centre absorbs it.",
+    ),
+    Sweep(
+        "disk-plane", "A point at height h before a disk light's plane", "h [m]", signed(-7, -1),
+        lambda h: under("disk", center=[1.5, h, 0], normal=[0, 1, 0], radius=0.5), "cancellation",
+        "The disk is seen edge-on: beside it, just in front of its plane, in it and behind it.",
+    ),
+    Sweep(
+        "disk-standing", "A vertical disk light that ends at height h", "h [m]", signed(-7, -1),
+        lambda h: under("disk", center=[1, 0.5 + h, 0], normal=[1, 0, 0], radius=0.5),
+        "cancellation", "Below the floor (h < 0) the horizon cuts a piece of it off.",
+    ),
+    Sweep(
+        "triangle-sliver", "A triangle light with an angle a", "a [rad]", (2e-9, *decades(-8, 0)),
+        lambda a: under(
+            "triangle", position=[0.5, 1, 0], u=[-1, 0, 0], v=[-math.cos(a), 0, math.sin(a)]
+        ),
+        "cancellation", "u x v is the difference of near-equal products.",
+    ),
+    Sweep(
+        "triangle-standing", "A vertical triangle light whose corner is at height h", "h [m]",
+        signed(-7, -1),
+        lambda h: under("triangle", position=[1, h, 0], u=[0, 1, -0.5], v=[0, 1, 0.5]),
+        "cancellation", "Below the floor (h < 0) its corner is hidden by the horizon.",
+    ),
+    Sweep(
+        "sphere-light-size", "A sphere light of radius r, its surface 1 m away", "r [m]",
+        decades(-6, 6), lambda r: under("sphere", center=[0, 1 + r, 0], radius=r), "absorption",
+        "A large one is a ceiling: the place on it is a small difference of centre and radius.",
+    ),
+    Sweep(
+        "sphere-light-touching", "A sphere light of radius 0.5 m that ends at height h", "h [m]",
+        (-0.5, -0.25, *signed(-7, -1)),
+        lambda h: under("sphere", (0, 0, 0), center=[0, 0.5 + h, 0], radius=0.5), "cancellation",
+        "At h = 0 it touches the floor, below 0 it stands in it: inside, the floor gets nothing.",
     ),
 )  # fmt: skip

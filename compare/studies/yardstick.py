@@ -47,37 +47,98 @@ def image(scene: dict[str, Any], light_samples: int, seed: int) -> Array:
     here = hits.object != NOTHING
     seen = Hits(hits.object[here], hits.point[here], hits.normal[here], hits.brdf[here])
     pixels = np.nonzero(here)[0]
-    # lights in the C reader's order: point lights, then quads
-    lights = [(light, False) for light in scene.get("point_lights", [])]
-    lights += [(light, True) for light in scene.get("quad_lights", [])]
-    for index, (light, is_quad) in enumerate(lights):
-        count = light_samples if is_quad else 1
+    for index, (kind, light) in enumerate(lights(scene)):
+        count = 1 if kind == "point" else light_samples
         total = np.zeros((len(pixels), 3), Real)
         for sample in range(count):
             random = uniforms(seed, pixels, sample, index + 1)
-            total += contribution(scene, seen, light, is_quad, random)
+            total += contribution(scene, seen, kind, light, random)
         radiance[here] += total / count
     return radiance.reshape(height, width, 3)
 
 
+def lights(scene: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Each light's shape and its entry, in the C reader's order."""
+    return [(kind, light) for kind in PLACES for light in scene.get(f"{kind}_lights", [])]
+
+
 def contribution(
-    scene: dict[str, Any], hits: Hits, light: dict[str, Any], is_quad: bool, random: Array
+    scene: dict[str, Any], hits: Hits, kind: str, light: dict[str, Any], random: Array
 ) -> Array:
     """(P, 3) f_r (L_e / pdf) cos V of one sample each; random: (P, 2)."""
     emitted = np.array(light["color"], Real) * Real(light["power"])
-    position = np.array(light["position"], Real)
-    if is_quad:
-        u, v = np.array(light["u"], Real), np.array(light["v"], Real)
-        position = position + random[:, :1] * u + random[:, 1:] * v
+    position, area_normal = PLACES[kind](light, random)
     w = position - hits.point
     d = norm(w)
     safe = np.where(d > 0, d, 1)
     weight = np.maximum(dot(hits.normal, w) / safe, 0) / safe**2
-    if is_quad:
-        weight = weight * np.maximum(dot(np.cross(u, v), w), 0) / safe  # area cos_light
+    if area_normal is not None:
+        weight = weight * np.maximum(dot(area_normal, w), 0) / safe  # area cos_light
     weight = np.where((d > 0) & (weight > 0), weight, 0)
     open_ = ~occluded(scene, hits, w / safe[:, None], d)
     return hits.brdf * emitted * np.where(open_, weight, 0)[:, None]
+
+
+# ---- places on lights, from two random numbers: (P, 3) positions, and the light's normal times its
+# area, (3,) or (P, 3), which points away from what is lit; None of a point light
+
+
+Places = tuple[Array, Array | None]
+
+
+def point_place(light: dict[str, Any], random: Array) -> Places:
+    return np.array(light["position"], Real), None
+
+
+def quad_place(light: dict[str, Any], random: Array) -> Places:
+    u, v = np.array(light["u"], Real), np.array(light["v"], Real)
+    position = np.array(light["position"], Real) + random[:, :1] * u + random[:, 1:] * v
+    return position, np.cross(u, v)
+
+
+def disk_place(light: dict[str, Any], random: Array) -> Places:
+    """Shirley and Chiu's map from the square [-1, 1]^2, in the frame of Duff et al."""
+    center, radius = np.array(light["center"], Real), Real(light["radius"])
+    normal = unit(np.array(light["normal"], Real))
+    sign = Real(-1 if normal[2] < 0 else 1)
+    a = -1 / (sign + normal[2])
+    x_axis = np.array(
+        [1 + sign * normal[0] ** 2 * a, sign * normal[0] * normal[1] * a, -sign * normal[0]]
+    )
+    x, y = 2 * random.T - 1
+    steep = x * x < y * y
+    r, across = np.where(steep, y, x), np.where(steep, x, y)
+    angle = PI / 4 * across / np.where(r == 0, 1, r)
+    angle = np.where(steep, PI / 2 - angle, angle)
+    beside = np.cos(angle)[:, None] * x_axis + np.sin(angle)[:, None] * np.cross(normal, x_axis)
+    return center + (radius * r)[:, None] * beside, PI * radius**2 * normal
+
+
+def triangle_place(light: dict[str, Any], random: Array) -> Places:
+    root = np.sqrt(random[:, :1])
+    position, parallelogram = quad_place(
+        light, np.concatenate([1 - root, random[:, 1:] * root], axis=1)
+    )
+    return position, np.asarray(parallelogram) / 2
+
+
+def sphere_place(light: dict[str, Any], random: Array) -> Places:
+    """By Archimedes: even in height."""
+    t, turn = 2 * random[:, 0], 2 * PI * random[:, 1]
+    across = np.sqrt(t * (2 - t))
+    outwards = np.stack([across * np.cos(turn), across * np.sin(turn), 1 - t], axis=-1)
+    radius = Real(light["radius"])
+    return np.array(light["center"], Real) + radius * outwards, -4 * PI * radius**2 * outwards
+
+
+PLACES = {
+    "point": point_place,
+    "quad": quad_place,
+    "disk": disk_place,
+    "triangle": triangle_place,
+    "sphere": sphere_place,
+}
+"""In the C reader's order."""
 
 
 # ---- rays
