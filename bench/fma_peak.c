@@ -12,7 +12,7 @@
 #include <omp.h>
 
 enum {
-    LANES = 16,    /* as in the renderer's kernel */
+    LANES = 16,    /* as in the renderer's packets */
     CHAINS = 12,   /* that do not wait for each other: more than latency times pipes, and with
                       the two constants they fit 16 registers, should there be no more */
     STEPS = 60001, /* odd: see expected */

@@ -18,7 +18,7 @@ FAST = "area sobol"
 """The estimator that samples everywhere, with its best points: the one compared at equal N."""
 OTHERS = ("scalar loop", "Cycles", "Embree", "Mitsuba llvm", "Mitsuba scalar")
 LANES = 16
-"""Pixels side by side in the kernel; all of them compute, whether they see the light or not."""
+"""Pixels side by side in a packet; all of them compute, whether they see the light or not."""
 
 COUNTED = {
     "real wx = cx[i] + s * l->ux[i] + t * l->vx[i];": 2,
@@ -85,7 +85,7 @@ def systems(rows: Iterable[Row]) -> list[str]:
 
 
 def operations(scene: Scene, exact: ExactImage) -> tuple[float, float]:
-    """FMA-pipe operations and divisions of the kernel's loop per light sample, whole image.
+    """FMA-pipe operations and divisions of the packets' loop per light sample, whole image.
 
     A lower bound, from the exact solution: sixteen pixels of a row run the loop if one of them
     gets light, and test a sphere if one of them is in the penumbra on a plane. (On a sphere the
@@ -109,7 +109,7 @@ def _packets(pixels: np.ndarray) -> np.ndarray:
 
 
 def shares(measured: Measured, plan: Plan, scene: Scene) -> list[Row]:
-    """Of the kernel, by number of threads, at the largest N compared and at the largest that was
+    """Of the packets' loop, by number of threads, at the largest N compared and at the largest that was
     measured: what part of its time the counted multiply-adds, and the divisions, would take alone
     at the measured peaks."""
     rows = medians(measured.frames)

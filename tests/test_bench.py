@@ -1,4 +1,4 @@
-"""The benchmark: what it renders is the scene, what it counts is the kernel, what it computes
+"""The benchmark: what it renders is the scene, what it counts is the sample loop, what it computes
 from seconds is right. No time is judged here."""
 
 from __future__ import annotations
@@ -81,16 +81,16 @@ def test_loop_renders_what_the_program_renders_bit_for_bit(
 
 
 def test_scalar_loop_is_the_same_estimator(loop: Loop, scenes: Path) -> None:
-    """Of the same variance as independent samples in the kernel: both errors are root mean squares
+    """Of the same variance as independent samples in packets: both errors are root mean squares
     over 5,400 pixels, known to some 2%; 10% allowed. Without bias: the mean of the errors is within
     4.5 of its standard errors, which the errors' scatter tells."""
     frame = Frame(90, 60, 64, threads=2)
     exact = loop.shoot("exact", "independent", frame, picture=True).radiance
-    kernel = loop.shoot("area", "independent", frame, picture=True).radiance
+    packets = loop.shoot("area", "independent", frame, picture=True).radiance
     scalar = ScalarLoop(scenes / "tp3.json").shoot(frame, picture=True).radiance
-    assert exact is not None and kernel is not None and scalar is not None
+    assert exact is not None and packets is not None and scalar is not None
     error = scalar - exact
-    assert np.linalg.norm(error) == pytest.approx(np.linalg.norm(kernel - exact), rel=0.1)
+    assert np.linalg.norm(error) == pytest.approx(np.linalg.norm(packets - exact), rel=0.1)
     pixel = error.mean(axis=2)
     assert abs(pixel.mean()) < 4.5 * pixel.std() / np.sqrt(pixel.size)
 
@@ -213,7 +213,7 @@ def test_medians_are_medians_and_errors_are_root_mean_squares() -> None:
     assert row["relative_rmse_all"] == pytest.approx(np.sqrt(3))
 
 
-def test_counted_operations_are_those_of_the_kernel() -> None:
+def test_counted_operations_are_those_of_the_sample_loop() -> None:
     """Each line that is counted stands in the sample loop as it is; what it holds is counted here
     anew: a multiply-add takes one of the sums, each product and each sum that remains is one."""
     text = (ROOT / "c_renderer/src/packet/estimator_packet.c").read_text()

@@ -85,13 +85,13 @@ def random_scene_of_all_lights(seed: int) -> dict[str, Any]:
     return scene
 
 
-def assert_same(kernel: Image, textbook: Image, light_samples: int) -> None:
+def assert_same(packets: Image, textbook: Image, light_samples: int) -> None:
     """Both draw the same points, so they differ by rounding: 1e-4 relatively, where the terms
     have conditions (distance to the light, grazing angles) of up to 1e3 over float's 6e-8. A
     shadow ray within rounding of a sphere's edge may fall on either side, which changes the pixel
     by up to one sample's share; at most 1 sample in 2,000 does."""
     scale = np.maximum(np.abs(textbook.radiance), 1e-3)
-    differs = np.abs(kernel.radiance - textbook.radiance) > 1e-4 * scale
+    differs = np.abs(packets.radiance - textbook.radiance) > 1e-4 * scale
     samples = differs.shape[0] * differs.shape[1] * light_samples
     assert differs.any(axis=-1).sum() <= 2 + samples / 2000
 
@@ -103,9 +103,9 @@ def test_estimator_packet_is_the_textbook_on_random_scenes(
 ) -> None:
     scene = make_scene(**random_scene_of_all_lights(seed))
     options = {"light_samples": 7, "sampler": sampler, "seed": seed}
-    kernel = render(scene, estimator="area", **options)
+    packets = render(scene, estimator="area", **options)
     textbook = render(scene, estimator="textbook", **options)
-    assert_same(kernel, textbook, 7)
+    assert_same(packets, textbook, 7)
 
 
 @pytest.mark.parametrize("scene", ["tp3", "tp3_statement", "tp3_point"])
@@ -113,15 +113,15 @@ def test_estimator_packet_is_the_textbook_on_random_scenes(
 def test_estimator_packet_is_the_textbook_on_the_labs_scenes(
     scene: str, pixel_samples: int, render: Render, scenes: Path
 ) -> None:
-    """More samples than one chunk of the kernel, and variances too: they are differences of sums,
+    """More samples than one chunk of the packets, and variances too: they are differences of sums,
     so 1e-3 of the largest."""
     options = {"light_samples": 300, "pixel_samples": pixel_samples, "width": 75, "height": 50}
-    kernel = render(scenes / f"{scene}.json", estimator="area", **options)
+    packets = render(scenes / f"{scene}.json", estimator="area", **options)
     textbook = render(scenes / f"{scene}.json", estimator="textbook", **options)
-    assert_same(kernel, textbook, 300)
-    assert kernel.variance is not None and textbook.variance is not None
+    assert_same(packets, textbook, 300)
+    assert packets.variance is not None and textbook.variance is not None
     tolerance = 1e-3 * textbook.variance.max() + 1e-12
-    assert (np.abs(kernel.variance - textbook.variance) > tolerance).sum() <= 4
+    assert (np.abs(packets.variance - textbook.variance) > tolerance).sum() <= 4
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)

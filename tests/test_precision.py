@@ -19,7 +19,7 @@ PRECISIONS = ("float32", "float64")
 SAMPLERS = ("INDEPENDENT", "JITTERED", "SOBOL")
 LANES = 16
 ROUNDINGS = 24
-"""Errors of the estimator's vectors, in eps of the lengths that they are sums of. The kernel's w:
+"""Errors of the estimator's vectors, in eps of the lengths that they are sums of. A packet's w:
 1/2 for corner - point, 4 for each axis of the light's frame (a normalised vector, and a cross
 product with a rounded normal), 3/2 for the three-term products with it, 3/2 for the unit of length,
 2 for adding s u + t v, twice that with the sobol sampler's points from [1, 2); for n . w as much
@@ -204,11 +204,11 @@ class Terms:
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("first_seed", range(0, 40, 10))
-def test_every_term_of_the_kernel_is_the_float64_textbooks(
+def test_every_term_of_a_packet_is_the_float64_textbooks(
     first_seed: int, precision: str, make_scene: Callable[..., Path]
 ) -> None:
     """One light sample in each pixel, one light at a time, on random scenes: the
-    kernel's value, given the points that its rays met, lies between those that ROUNDINGS eps of
+    packet's value, given the points that its rays met, lies between those that ROUNDINGS eps of
     the lengths involved allow around the exact value. Where rounding decides what the shadow ray
     meets, 0 is right too."""
     single, double = core(precision), core("float64")

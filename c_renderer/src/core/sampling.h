@@ -28,7 +28,7 @@ void point_set_free(PointSet *set);
  * random is uniform, so the mean over all is unbiased; the later samplers spread more evenly. */
 Uniform2 point_set_get(const PointSet *set, RngStream stream, uint32_t index, uint32_t dimension);
 
-/* What the kernel does for many pixels at a time (estimator_packet.c) is built from the same pieces. */
+/* What is done for many pixels at a time (estimator_packet.c) is built from the same pieces. */
 
 /* SAMPLER_SOBOL: words 0 and 1 of this block of a stream and dimension are its digital shift. */
 #define SOBOL_SHIFT_BLOCK UINT32_MAX
