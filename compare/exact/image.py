@@ -109,7 +109,7 @@ class _Layer:
         for first in range(0, height, rows):
             y, x = np.mgrid[first : min(first + rows, height), 0:width]
             hits = camera_hits(scene, x.ravel() + dx, y.ravel() + dy, width, height)
-            parts.append(_shade(scene, hits))
+            parts.append(shade(scene, hits))
         flat = [np.concatenate(values) for values in zip(*parts, strict=True)]
         return _Layer(*(values.reshape(height, width, *values.shape[1:]) for values in flat))
 
@@ -130,8 +130,9 @@ def _positions(k: int) -> Iterator[tuple[float, float, float]]:
             yield weight_x * weight_y / 4, 0.5 + x / 2, 0.5 + y / 2
 
 
-def _shade(scene: Scene, hits: Receivers) -> tuple[np.ndarray, ...]:
-    """radiance, object_id, shadow, error_bound, blocked of each hit: _Layer, flat."""
+def shade(scene: Scene, hits: Receivers) -> tuple[np.ndarray, ...]:
+    """Of n points: radiance (n, 3), object_id, shadow, error_bound (n,), as in ExactImage, and
+    blocked (n, number of point lights) bool: whether an object is in the way of that light."""
     n = len(hits)
     radiance = np.tile(np.asarray(scene.background_radiance), (n, 1))
     error, shadow = np.zeros(n), np.full(n, BACKGROUND, dtype=np.int8)
