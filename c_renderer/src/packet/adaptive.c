@@ -4,16 +4,36 @@
 
 #define CONFIDENCE 2.0 /* standard errors of a 95% interval: Student's t at 63 degrees, 1.998 */
 
-enum { PILOT_DIMENSION = 1 << 20 }; /* added to a light's: numbers that the image does not use */
+enum { COMPANIONS = 4 };
 
-/* Mean and variance of one sample, f_r L_e = 1, with two visible and two hidden samples added
- * where a sphere or the horizon may hide some: of n that all saw the light, the next may not
- * (Agresti and Coull's "plus four", The American Statistician 52(2), 1998). The variance of lanes
- * that only look lit or hidden so far is then never 0. */
+/* Of lights that the sample loop does not know: sphere lights take far fewer samples so. */
+static const Spread UNKNOWN_SPREAD = SPREAD_SOLID_ANGLE;
+
+/* Numbers that the image does not use: added to a light's dimension; as a pixel sample. */
+enum { PILOT_DIMENSION = 1 << 20, PILOT_SAMPLE = 1, UNHIDDEN_SAMPLE = 2 };
+
+/* Mean and variance of one sample. */
 typedef struct {
-    double mean[LANES], variance[LANES]; /* of the samples with their four companions */
-    double estimate[LANES];              /* the plain mean */
-    double count[LANES];                 /* samples with companions */
+    double mean, variance;
+} OneSample;
+
+/* From the sums of n samples and of their squares, with two visible and two hidden samples of that
+ * value added where something may hide some: of n that all saw the light, the next may not (Agresti
+ * and Coull's "plus four", The American Statistician 52(2), 1998). The variance of lanes that only
+ * look lit or hidden so far is then never 0. */
+static OneSample with_companions(double sum, double squares, double n, double companion)
+{
+    n += companion > 0 ? COMPANIONS : 0;
+    const double mean = (sum + 2 * companion) / n;
+    const double scatter = (squares + 2 * companion * companion) / n - mean * mean;
+    return (OneSample){mean, fmax(scatter, 0)};
+}
+
+/* A flat light's samples, f_r L_e = 1. */
+typedef struct {
+    OneSample one[LANES];
+    double estimate[LANES]; /* the plain mean */
+    double count[LANES];    /* samples with companions */
 } SampleMoments;
 
 static int may_be_hidden(const LightPacket *light, int lane)
@@ -43,15 +63,11 @@ static void sample_moments(const LightPacket *light, LightType type, int count, 
             companion = all[i] / few.count;
         else if (light->crosses_horizon && sum[i] > 0)
             companion = squares[i] / sum[i]; /* what a sample above the horizon brings */
-        double companions = companion > 0 ? 4 : 0;
-        double n = count + companions;
-        double mean = (sum[i] + 2 * companion) / n;
-        double mean_square = (squares[i] + 2 * companion * companion) / n;
-        double scale = (double)light->scale[i], scatter = mean_square - mean * mean;
+        const double scale = (double)light->scale[i];
+        const OneSample one = with_companions(sum[i], squares[i], count, companion);
+        moments->one[i] = (OneSample){scale * one.mean, scale * scale * one.variance};
         moments->estimate[i] = scale * sum[i] / count;
-        moments->mean[i] = scale * mean;
-        moments->variance[i] = scatter > 0 ? scale * scale * scatter : 0;
-        moments->count[i] = n;
+        moments->count[i] = count + (companion > 0 ? COMPANIONS : 0);
     }
 }
 
@@ -61,6 +77,35 @@ static double grey(const HitPacket *hits, int lane, Rgb radiance)
             (double)hits->brdf.g[lane] * (double)radiance.g +
             (double)hits->brdf.b[lane] * (double)radiance.b) /
            3;
+}
+
+/* The textbook's estimate of one channel, and the value that a visible sample brings. */
+static OneSample channel_with_companions(double mean, double variance, double n, double companion)
+{
+    const double scatter = variance * n * (n - 1);
+    return with_companions(mean * n, scatter + n * mean * mean, n, companion);
+}
+
+/* Grey, of a light that the sample loop does not know, from a pilot by the textbook. */
+static OneSample textbook_pilot(const Scene *scene, int light, const Hit *hit, RngStream stream)
+{
+    const PointSet points = {.sampler = SAMPLER_INDEPENDENT, .count = ADAPTIVE_PILOT};
+    const Scene open = {.nb_lights = scene->nb_lights, .lights = scene->lights};
+    stream.pixel_sample = PILOT_SAMPLE;
+    const Estimate pilot = light_estimate(scene, light, hit, &points, UNKNOWN_SPREAD, stream);
+    stream.pixel_sample = UNHIDDEN_SAMPLE;
+    const Rgb visible = light_estimate(&open, light, hit, &points, UNKNOWN_SPREAD, stream).radiance;
+    const double mean[3] = {pilot.radiance.r, pilot.radiance.g, pilot.radiance.b};
+    const double variance[3] = {pilot.variance.r, pilot.variance.g, pilot.variance.b};
+    const double companion[3] = {visible.r, visible.g, visible.b};
+    double sum = 0, deviation = 0; /* the channels of one light vary together */
+    for (int c = 0; c < 3; c++) {
+        const OneSample one =
+            channel_with_companions(mean[c], variance[c], points.count, companion[c]);
+        sum += one.mean;
+        deviation += sqrt(one.variance);
+    }
+    return (OneSample){sum / 3, deviation / 3 * (deviation / 3)};
 }
 
 static Seen see_light(const Scene *scene, const Light *light, const HitPacket *hits,
@@ -82,17 +127,27 @@ static int needed_samples(const Scene *scene, const HitPacket *hits, const Targe
             continue; /* one ray tells all */
         LightPacket packet;
         const Seen seen = see_light(scene, light, hits, &packet);
-        if (seen == SEEN_STRANGE)
-            return target->max_light_samples;
         if (seen == SEEN_NOT)
+            continue;
+        for (int i = 0; i < LANES && seen == SEEN_STRANGE; i++) {
+            const Hit hit = packet_lane(hits, i);
+            RngStream stream = first;
+            stream.pixel += (uint32_t)i;
+            if (hit.object == SCENE_NOTHING)
+                continue;
+            const OneSample one = textbook_pilot(scene, l, &hit, stream);
+            mean[i] += one.mean;
+            variance[i] += one.variance;
+        }
+        if (seen == SEEN_STRANGE)
             continue;
         SampleMoments moments;
         sample_moments(&packet, light->type, ADAPTIVE_PILOT, first,
                        (uint32_t)l + 1 + 2 * PILOT_DIMENSION, &moments);
         for (int i = 0; i < LANES; i++) {
             double weight = grey(hits, i, light_radiance(light));
-            mean[i] += weight * moments.mean[i];
-            variance[i] += weight * weight * moments.variance[i];
+            mean[i] += weight * moments.one[i].mean;
+            variance[i] += weight * weight * moments.one[i].variance;
         }
     }
     double most = 2;
@@ -113,7 +168,7 @@ static void add_flat(const LightPacket *packet, const Light *light, const HitPac
     sample_moments(packet, light->type, count, first, dimension, &moments);
     for (int i = 0; i < LANES; i++) {
         real mean = real_finite((real)moments.estimate[i]);
-        real variance = real_finite((real)(moments.variance[i] / moments.count[i]));
+        real variance = real_finite((real)(moments.one[i].variance / moments.count[i]));
         real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
              b = hits->brdf.b[i] * radiance.b;
         result->radiance.r[i] += r * mean;
@@ -139,7 +194,7 @@ void adaptive_direct_lighting(const Scene *scene, const HitPacket *hits, const T
         if (seen == SEEN_SAMPLED)
             add_flat(&packet, light, hits, count, first, (uint32_t)l + 1, result);
         else if (seen == SEEN_STRANGE)
-            packet_textbook(scene, l, hits, &points, SPREAD_AREA, first, result);
+            packet_textbook(scene, l, hits, &points, UNKNOWN_SPREAD, first, result);
     }
     for (int i = 0; i < LANES; i++) {
         int hit = hits->object[i] != SCENE_NOTHING;
