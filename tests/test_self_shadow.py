@@ -17,6 +17,7 @@ import pytest
 from scipy import stats
 
 import penumbra
+from cli.exit import PASS
 from compare.exact.image import UMBRA, exact_image
 from compare.measure.image import Image
 from compare.run.renderers import MissingProgramError
@@ -422,7 +423,7 @@ def test_command_writes_a_tidy_table_and_its_verdict(
     """One row for each scene, place, precision and strategy, counts that add up, and the same
     numbers when it is run again."""
     out = tmp_path / "deep" / "map"
-    assert penumbra.main(["self-shadow", "-o", str(out), "--rays", "16"]) == penumbra.PASS
+    assert penumbra.main(["self-shadow", "-o", str(out), "--rays", "16"]) == PASS
     assert "skip" in capsys.readouterr().out
     rows = list(csv.DictReader(out.with_suffix(".csv").open()))
     assert list(rows[0]) == list(self_shadow.COLUMNS)

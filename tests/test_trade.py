@@ -18,6 +18,7 @@ from markupsafe import Markup
 from playwright.sync_api import Page, sync_playwright
 
 import penumbra
+from cli.exit import USAGE
 from compare.measure.image import Image, read_image
 from compare.run.library import Setting, WarmRenderer
 from compare.scene import read_scene
@@ -400,7 +401,7 @@ def test_what_cannot_be_measured_is_said_at_once(
     options: list[str], said: str, scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["trade", str(scenes / "tp3.json"), "-o", str(tmp_path / "tp3"), *options]
-    assert penumbra.main(command) == penumbra.USAGE
+    assert penumbra.main(command) == USAGE
     assert said in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
