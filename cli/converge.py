@@ -124,10 +124,10 @@ def add(subcommands: Subcommands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from compare.studies.convergence import Study, converge
+    from compare.studies.convergence import ConvergenceStudy, converge
 
     out = _out(options)
-    study = Study(
+    study = ConvergenceStudy(
         options.scene,
         out,
         tuple(_curves(options)),

@@ -93,11 +93,11 @@ def add(subcommands: Subcommands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from blender_ref import CyclesRenderer
-    from compare.studies.trade import Study, trade
+    from compare.studies.trade import TradeStudy, trade
 
     out = options.out or Path("build", "trade", options.scene.stem)
     result = trade(
-        Study(
+        TradeStudy(
             options.scene,
             out,
             tuple(options.verify),

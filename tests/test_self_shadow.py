@@ -33,12 +33,12 @@ from compare.studies.self_shadow import (
     STRATEGIES,
     TRANSLATIONS,
     VISIBLE,
-    Study,
+    AimedScene,
+    aimed_scenes,
     answers,
     counts,
     proportion_interval,
     self_shadow_map,
-    studies,
     verdict,
     write_map,
 )
@@ -50,10 +50,10 @@ from report.words import digits
 from tests import core
 
 RAYS = 1024
-BY_NAME = {study.name: study for study in studies()}
+BY_NAME = {aimed.name: aimed for aimed in aimed_scenes()}
 TRUTH, ROUNDING, FIXED, INTEGER, BOUNDED, SKIP = range(6)
 """Columns of answers()"""
-FLOORED = [name for name, study in BY_NAME.items() if len(study.planes)]
+FLOORED = [name for name, aimed in BY_NAME.items() if len(aimed.planes)]
 
 
 def found(
@@ -67,14 +67,14 @@ def found(
 # ---------------------------------------------------------------- the truth
 
 
-def exactly(study: Study, precision: str, translation: float, scale: float, ray: Any) -> int:
+def exactly(aimed: AimedScene, precision: str, translation: float, scale: float, ray: Any) -> int:
     """The truth about one shadow ray with 60 digits, by other formulas than C's: a segment with
     both ends outside a ball meets it if it comes nearer to the centre than the radius; with one
     end inside, always; with both, never. A plane is met if the ends are on different sides. A
     sphere's inside is left by every segment that ends outside the ball."""
     v = mpmath.matrix
     spheres, planes, quad, camera = (
-        a.tolist() for a in study.stored(precision, translation, scale)
+        a.tolist() for a in aimed.stored(precision, translation, scale)
     )
     ray = ray.tolist()
     o, d = v(camera), v(ray[:3])
@@ -137,9 +137,9 @@ def test_truth_is_that_of_60_digits(
 ) -> None:
     """Of every kind of answer that occurs, and of the rays that some strategy gets wrong, which
     are the delicate ones, a few. The scenes are degenerate enough for mistakes at most places."""
-    study = BY_NAME[name]
-    judged = answers(study, precision, translation, scale, RAYS, 2)
-    rays = study.rays(precision, RAYS, 2)
+    aimed = BY_NAME[name]
+    judged = answers(aimed, precision, translation, scale, RAYS, 2)
+    rays = aimed.rays(precision, RAYS, 2)
     sent = np.flatnonzero(judged[:, TRUTH] != NOT_SENT)
     delicate = sent[(judged[sent, 1:] != judged[sent, :1]).any(axis=1)][:6]
     usual = [np.flatnonzero(judged[:, TRUTH] == kind)[:4] for kind in (VISIBLE, OWN, OTHER)]
@@ -147,7 +147,7 @@ def test_truth_is_that_of_60_digits(
     assert len(chosen) >= 4
     with mpmath.workdps(60):
         for i in chosen:
-            assert exactly(study, precision, translation, scale, rays[i]) == judged[i, TRUTH]
+            assert exactly(aimed, precision, translation, scale, rays[i]) == judged[i, TRUTH]
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -157,8 +157,8 @@ def test_what_knows_no_length_does_not_see_the_scale(precision: str, power: int)
     the truth, the error bound and skipping answer bit for bit the same. A fixed length does
     not, nor does an offset that is fixed near 0."""
     changed = False
-    for study in BY_NAME.values():
-        one, other = (answers(study, precision, 0.0, s, RAYS, 3) for s in (1.0, 2.0**power))
+    for aimed in BY_NAME.values():
+        one, other = (answers(aimed, precision, 0.0, s, RAYS, 3) for s in (1.0, 2.0**power))
         same = [TRUTH, ROUNDING, BOUNDED, SKIP]
         assert np.array_equal(one[:, same], other[:, same])
         changed |= not np.array_equal(one[:, FIXED], other[:, FIXED])
@@ -306,15 +306,15 @@ def test_renderer_answers_as_the_study_says_of_skipping(
     """libpenumbra's hit, light sample and occlusion, ray by ray: the study is about the program
     that students run. Both are of one source, but the link-time optimiser may fuse a product in
     the one and not in the other, so where rounding decides, one ray in 200 may differ."""
-    study = BY_NAME[name]
-    judged = answers(study, precision, translation, scale, RAYS, 4)
+    aimed = BY_NAME[name]
+    judged = answers(aimed, precision, translation, scale, RAYS, 4)
     built = core.core(precision)
     built.ffi.cdef(DECLARATIONS, override=True)
-    scene, kept = _core_scene(built, study, precision, translation, scale)
+    scene, kept = _core_scene(built, aimed, precision, translation, scale)
     library = built.library
     same = []
     sampler = built.ffi.new("LightSampler *")
-    for ray, row in zip(study.rays(precision, RAYS, 4).tolist(), judged, strict=True):
+    for ray, row in zip(aimed.rays(precision, RAYS, 4).tolist(), judged, strict=True):
         if row[TRUTH] == NOT_SENT:
             continue
         hit = library.scene_hit(scene, {"origin": kept["camera"], "direction": ray[:3]})
@@ -328,10 +328,10 @@ def test_renderer_answers_as_the_study_says_of_skipping(
 
 
 def _core_scene(
-    built: core.Core, study: Study, precision: str, translation: float, scale: float
+    built: core.Core, aimed: AimedScene, precision: str, translation: float, scale: float
 ) -> tuple[Any, dict[str, Any]]:
-    """libpenumbra's Scene of the study, and what must outlive it."""
-    spheres, planes, quad, camera = study.stored(precision, translation, scale)
+    """libpenumbra's Scene of the same numbers, and what must outlive it."""
+    spheres, planes, quad, camera = aimed.stored(precision, translation, scale)
     u, v = quad[3:6], quad[6:]
     across = np.cross(u, v)
     length = np.sqrt(across @ across)

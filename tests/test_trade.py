@@ -24,7 +24,7 @@ from compare.run.library import Setting, WarmRenderer
 from compare.scene import read_scene
 from compare.studies import choice
 from compare.studies.choice import answer, cheapest, frontier, need, trial, verdict_text
-from compare.studies.trade import Study, median_interval, trade
+from compare.studies.trade import TradeStudy, median_interval, trade
 from report import trade as report_trade
 from report.build import TEMPLATES
 from report.inputs import ReportError
@@ -256,7 +256,7 @@ def measured(
 ) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("trade") / "tp3"
     result = trade(
-        Study(
+        TradeStudy(
             scenes / "tp3.json",
             out,
             verify=(scenes / "small_light.json", scenes / "three_spheres.json"),
@@ -361,7 +361,7 @@ def test_where_nothing_is_sampled_every_estimator_is_one_row(
 ) -> None:
     """Under a point light N and sampler change nothing: each estimator is one setting, whose
     error is float32's alone (below 1e-6), so the fastest is recommended, without an N."""
-    study = Study(scenes / "tp3_point.json", tmp_path / "point", threads=(1,), seeds=2,
+    study = TradeStudy(scenes / "tp3_point.json", tmp_path / "point", threads=(1,), seeds=2,
                   targets=(0.01,), width=24, height=16)  # fmt: skip
     result = trade(study)
     estimators = WarmRenderer(study.scene_file, 24, 16).estimators
@@ -634,5 +634,5 @@ def test_the_commands_defaults_are_the_studys() -> None:
     """They stand in its help too, where nothing is imported that is slow."""
     options = penumbra._parser().parse_args(["trade", "scene.json", "--cycles"])
     for name in ("light_samples", "seeds", "targets", "max_seconds", "threads"):
-        assert getattr(options, name) == getattr(Study, name), name
-    assert options.cycles == Study.cycles_light_samples
+        assert getattr(options, name) == getattr(TradeStudy, name), name
+    assert options.cycles == TradeStudy.cycles_light_samples
