@@ -16,7 +16,7 @@ def compare(data: Data) -> dict[str, Any]:
         for file in _files(data)
     ]
     for name, scene in data.scenes.items():
-        shown.append((name, "exact", data.exact[name, scene.height, scene.width].radiance))
+        shown.append((name, "exact", data.exact(name, scene.width, scene.height).radiance))
     first = image_file("tp3_statement", LIGHT_SAMPLES[1])
     middle = edge_crop(data, first)
     place = {"x": middle.left + middle.width // 2, "y": middle.top + middle.height // 2}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -132,10 +132,9 @@ class Data:
     """by Input.scene, as are scene_texts"""
     scene_texts: dict[str, str]
     images: dict[str, Image]
-    exact: dict[tuple[str, int, int], ExactImage]
-    """by scene, height and width: for each image"""
     tables: dict[str, Any]
     """what JSON and CSV files hold"""
+    _solved: dict[tuple[str, int, int], ExactImage] = field(default_factory=dict)
 
     def __getitem__(self, item: Input) -> Any:
         """What a JSON file holds, or a CSV file's rows: a dict each."""
@@ -150,7 +149,15 @@ class Data:
 
     def truth(self, file: str) -> ExactImage:
         """The exact image of the same scene and size as the image of that Input.file."""
-        return self.exact[self.inputs[file].scene, *self.images[file].shape]
+        height, width = self.images[file].shape
+        return self.exact(self.inputs[file].scene, width, height)
+
+    def exact(self, scene: str, width: int, height: int) -> ExactImage:
+        """The exact image of the scene of that Input.scene, solved once."""
+        key = scene, width, height
+        if key not in self._solved:
+            self._solved[key] = exact_image(self.scenes[scene], width, height)
+        return self._solved[key]
 
 
 def read_inputs(inputs: Sequence[Input], build_dir: Path, scenes_dir: Path) -> Data:
@@ -169,15 +176,12 @@ def read_inputs(inputs: Sequence[Input], build_dir: Path, scenes_dir: Path) -> D
     images = {file: value for file, value in read.items() if isinstance(value, Image)}
     for file, image in images.items():
         _check_scene(there[file], build_dir, image, scenes[there[file].scene])
-    sizes = {(there[file].scene, *image.shape) for file, image in images.items()}
-    sizes |= {(name, scene.height, scene.width) for name, scene in scenes.items()}
     return Data(
         build_dir,
         there,
         scenes,
         {name: file.read_text() for name, file in files.items()},
         images,
-        {(scene, h, w): exact_image(scenes[scene], w, h) for scene, h, w in sizes},
         {file: value for file, value in read.items() if file not in images},
     )
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from compare.exact.image import exact_image
 from compare.measure.image import read_image
 from compare.studies.choice import duration, options, place, verdict_text
 from compare.studies.choice import percent as error_text
@@ -237,8 +236,7 @@ def _strips(data: Data, measured: dict[str, Any]) -> list[dict[str, Any]]:
     shown = [(name, entries) for name, entries in measured["strips"].items() if entries]
     if not shown:
         return []
-    size = measured["height"], measured["width"]
-    truth = data.exact.get(("tp3", *size)) or exact_image(data.scenes["tp3"], size[1], size[0])
+    truth = data.exact("tp3", measured["width"], measured["height"])
     window = edge_window(data.scenes["tp3"], truth)
     folder = TRADE.path(data.build_dir).parent
     strips = []

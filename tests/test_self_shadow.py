@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import mpmath
 import numpy as np
 import pytest
@@ -43,11 +42,11 @@ from compare.studies.self_shadow import (
     write_map,
 )
 from report import self_shadow as report
-from report.build import TEMPLATES
 from report.figures import rate_colours
 from report.inputs import ReportError
 from report.words import digits
 from tests import core
+from tests.section import data_of, rendered_section
 
 RAYS = 1024
 BY_NAME = {aimed.name: aimed for aimed in aimed_scenes()}
@@ -459,26 +458,22 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_report_does_without_what_was_not_measured(tmp_path: Path) -> None:
-    assert report.self_shadow(tmp_path) == {"self_shadow": None}
+    assert rendered_section("self_shadow", tmp_path) is None
 
 
 def test_report_states_the_verdict_and_draws_the_map(measured: Path) -> None:
     """Every way and every scene is named; the wrong share of skipping is the JSON's."""
-    section = report.self_shadow(measured)["self_shadow"]
+    section = report.self_shadow(data_of("self_shadow", measured))
     table = json.loads((measured / "stability" / "self_shadow.json").read_text())["verdict"]
     skip = next(v for v in table if (v["precision"], v["strategy"]) == ("float32", "skip"))
     assert section["skip_wrong"] == digits(100 * skip["wrong_rate"])
     assert [row["title"] for row in section["verdict"] if row["wins"]] == [
         report.TITLES["skip"]
     ] * 2
-    environment = jinja2.Environment(
-        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
-    )
-    command = "{% macro command(lines) %}{{ lines|join }}{% endmacro %}"
-    template = environment.from_string(command + "{% include 'self_shadow.html.j2' %}")
-    html = template.render(self_shadow=section)
+    shown = rendered_section("self_shadow", measured)
+    assert shown is not None
     for text in (*report.TITLES.values(), *report.MISTAKES.values(), *BY_NAME):
-        assert text in html
+        assert text in shown.html
     assert section["svg"].count("<image") >= len(report.TITLES) * len(report.MISTAKES)
 
 
@@ -488,10 +483,10 @@ def test_report_refuses_a_broken_map(measured: Path, tmp_path: Path) -> None:
     text = (measured / "stability" / "self_shadow.json").read_text()
     (folder / "self_shadow.json").write_text(text)
     with pytest.raises(ReportError, match="penumbra self-shadow"):
-        report.self_shadow(tmp_path)
+        rendered_section("self_shadow", tmp_path)
     (folder / "self_shadow.json").write_text(text[:100])
     with pytest.raises(ReportError, match="penumbra self-shadow"):
-        report.self_shadow(tmp_path)
+        rendered_section("self_shadow", tmp_path)
 
 
 def test_a_rate_is_coloured_by_the_step_that_it_does_not_exceed() -> None:

@@ -8,26 +8,21 @@ import math
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import jinja2
 import numpy as np
 import pytest
-from markupsafe import Markup
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
 import penumbra
 from cli.exit import USAGE
 from compare.measure.image import Image, read_image
 from compare.run.library import Setting, WarmRenderer
-from compare.scene import read_scene
 from compare.studies import choice
 from compare.studies.choice import answer, cheapest, frontier, need, trial, verdict_text
 from compare.studies.trade import TradeStudy, median_interval, trade
-from report import trade as report_trade
-from report.build import TEMPLATES
 from report.inputs import ReportError
+from tests.section import rendered_section, section_page
 
 WIDTH, HEIGHT = 60, 40
 HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)>'
@@ -409,11 +404,6 @@ def test_what_cannot_be_measured_is_said_at_once(
 # The chart
 
 
-def _section(build_dir: Path, scenes: Path) -> dict[str, Any]:
-    data: Any = SimpleNamespace(scenes={"tp3": read_scene(scenes / "tp3.json")}, exact={})
-    return report_trade.trade(data, build_dir)
-
-
 @pytest.fixture(scope="module")
 def build_dir(
     measured: tuple[Path, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory
@@ -437,46 +427,11 @@ def build_dir(
 
 
 @pytest.fixture(scope="module")
-def section_file(build_dir: Path, scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The section alone in a page, with the page's macros and style."""
-    environment = jinja2.Environment(
-        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
-    )
-    macros = (TEMPLATES / "page.html.j2").read_text().partition("<!doctype")[0]
-    head = '<html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,">'
-    body = '<title>t</title><style>{{ css }}</style><main>{% include "trade.html.j2" %}</main>'
-    css = "".join((TEMPLATES / name).read_text() for name in ("page.css", "trade.css"))
-    html = environment.from_string(f"{macros}<!doctype html>{head}{body}").render(
-        _section(build_dir, scenes),
-        css=Markup(css),
-        enlarged=6,
-        trade_script=Markup((TEMPLATES / "trade.js").read_text()),
-    )
-    file = tmp_path_factory.mktemp("section") / "index.html"
-    file.write_text(html)
-    return file
-
-
-@pytest.fixture(scope="module")
-def page(section_file: Path) -> Iterator[Page]:
-    """In headless Chromium; any complaint or request fails the last test's end."""
-    names = ("chromium", "chromium-browser", "google-chrome")
-    program = next((path for path in map(shutil.which, names) if path), None)
-    if program is None:
-        pytest.fail(f"none of {', '.join(names)} is installed: run ./setup.sh")
-    complaints: list[str] = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--disable-gpu"]
-        )
-        tab = browser.new_page(viewport={"width": 1200, "height": 900})
-        tab.on("console", lambda message: complaints.append(message.text))
-        tab.on("pageerror", lambda error: complaints.append(str(error)))
-        tab.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
-        tab.goto(section_file.as_uri())
+def page(build_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The section alone, in headless Chromium."""
+    folder = tmp_path_factory.mktemp("section")
+    with section_page("trade", build_dir, folder) as tab:
         yield tab
-        browser.close()
-    assert complaints == []
 
 
 @pytest.fixture
@@ -618,16 +573,16 @@ def test_the_section_fits_the_window(page: Page, width: int) -> None:
     page.set_viewport_size({"width": 1200, "height": 900})
 
 
-def test_the_page_does_without_a_trade(tmp_path: Path, scenes: Path) -> None:
-    assert _section(tmp_path, scenes) == {"trade": None}
+def test_the_page_does_without_a_trade(tmp_path: Path) -> None:
+    assert rendered_section("trade", tmp_path) is None
 
 
-def test_a_trade_of_another_scene_is_refused(build_dir: Path, scenes: Path, tmp_path: Path) -> None:
+def test_a_trade_of_another_scene_is_refused(build_dir: Path, tmp_path: Path) -> None:
     shutil.copytree(build_dir / "trade", tmp_path / "trade")
     file = tmp_path / "trade" / "tp3.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"scene_hash": "0"}))
     with pytest.raises(ReportError, match=r"shows another scene.*penumbra trade"):
-        _section(tmp_path, scenes)
+        rendered_section("trade", tmp_path)
 
 
 def test_the_commands_defaults_are_the_studys() -> None:
