@@ -214,7 +214,7 @@ build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/referen
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
     build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
     $(wildcard build/bench/bench.json) \
-    penumbra.py $(wildcard report/*.py report/template/*)
+    penumbra.py $(wildcard cli/*.py report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
 # ---------------------------------------------------------------- benchmark
@@ -264,7 +264,7 @@ build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c c_renderer/src/io/scene_j
 	clang $(C_FLAGS) $(CHECKED) -fsanitize=fuzzer,address,undefined $(LIB_CFLAGS) \
 	    $(filter %.c,$^) $(LIB_LDFLAGS) -o $@.part && mv $@.part $@
 
-PYTHON_FILES := penumbra.py bench blender_ref compare report tests
+PYTHON_FILES := penumbra.py bench blender_ref cli compare report tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test

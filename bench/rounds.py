@@ -127,11 +127,11 @@ def measure(plan: Plan) -> Measured:
     scene = read_scene(plan.scene_file)
     with contextlib.ExitStack() as stack:
         systems, absent = _systems(plan, stack)
-        bench = _Bench(plan, Truth(scene, plan.width, plan.height))
-        bench.run(_tasks(plan, bench, systems, stack), "rounds")
-        bench.run(list(_target_tasks(plan, bench, systems)), "targets")
+        rounds = _Rounds(plan, Truth(scene, plan.width, plan.height))
+        rounds.run(_tasks(plan, rounds, systems, stack), "rounds")
+        rounds.run(list(_target_tasks(plan, rounds, systems)), "targets")
         versions = {s.name: s.version for s in systems if not isinstance(s, Penumbra)}
-        return Measured(bench.frames, bench.peaks, absent, versions, bench.truth)
+        return Measured(rounds.frames, rounds.peaks, absent, versions, rounds.truth)
 
 
 def use_cores(count: int) -> None:
@@ -177,7 +177,7 @@ Task = Callable[[int], None]
 
 
 @dataclass
-class _Bench:
+class _Rounds:
     plan: Plan
     truth: Truth
 
@@ -242,19 +242,19 @@ def _row(experiment: str, system: str, frame: Frame, number: int, seconds: float
 
 
 def _tasks(
-    plan: Plan, bench: _Bench, systems: Sequence[System], stack: contextlib.ExitStack
+    plan: Plan, rounds: _Rounds, systems: Sequence[System], stack: contextlib.ExitStack
 ) -> list[Task]:
-    tasks = [bench.peak(threads) for threads in sorted({1, plan.threads})]
+    tasks = [rounds.peak(threads) for threads in sorted({1, plan.threads})]
     warming = tqdm(systems, desc="warming up", disable=None, file=sys.stderr)
     for system in warming:
         seconds = _warm_up(plan, system)
         for count in seconds:
             frame = Frame(plan.width, plan.height, count, plan.threads)
             times = _times(seconds[count])
-            tasks += times * [bench.shoot("samples", system, frame, picture=True)]
+            tasks += times * [rounds.shoot("samples", system, frame, picture=True)]
             quick = seconds[count] * plan.threads < QUICK_LIMIT
             if quick and system.flexible and count in plan.compared and plan.threads > 1:
-                one = bench.shoot("samples", system, replace(frame, threads=1), False)
+                one = rounds.shoot("samples", system, replace(frame, threads=1), False)
                 tasks += times * [one]
         if system.flexible:
             known = SIZE_SAMPLES if SIZE_SAMPLES in seconds else min(plan.compared)
@@ -262,8 +262,8 @@ def _tasks(
             for size in plan.sizes:
                 if a_pixel * math.prod(size) < QUICK_LIMIT:
                     frame = Frame(*size, SIZE_SAMPLES, plan.threads)
-                    tasks.append(bench.shoot("size", system, frame, False))
-    return tasks + list(_process_tasks(plan, bench, systems, stack))
+                    tasks.append(rounds.shoot("size", system, frame, False))
+    return tasks + list(_process_tasks(plan, rounds, systems, stack))
 
 
 def _times(seconds: float) -> int:
@@ -286,7 +286,7 @@ def _warm_up(plan: Plan, system: System) -> dict[int, float]:
 
 
 def _process_tasks(
-    plan: Plan, bench: _Bench, systems: Sequence[System], stack: contextlib.ExitStack
+    plan: Plan, rounds: _Rounds, systems: Sequence[System], stack: contextlib.ExitStack
 ) -> Iterator[Task]:
     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="penumbra-bench-"))
     renderer = str(program("penumbra-render"))
@@ -301,21 +301,21 @@ def _process_tasks(
     words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
     out = str(Path(folder) / "frame.exr")
     scene = str(plan.scene_file)
-    yield bench.process(EMPTY_PROCESS, [renderer, "--version"], frame)
-    yield bench.process(WHOLE_PROCESS, [renderer, scene, "-o", out, *words], frame)
+    yield rounds.process(EMPTY_PROCESS, [renderer, "--version"], frame)
+    yield rounds.process(WHOLE_PROCESS, [renderer, scene, "-o", out, *words], frame)
     if any(system.name == "Cycles" for system in systems):
         cycles = [sys.executable, "-P", "-m", "blender_ref", scene, str(frame.light_samples), "1"]
         size = ["--width", str(frame.width), "--height", str(frame.height)]
-        yield bench.process("Cycles to a file", [*cycles, out, *size], frame)
+        yield rounds.process("Cycles to a file", [*cycles, out, *size], frame)
 
 
-def _target_tasks(plan: Plan, bench: _Bench, systems: Sequence[System]) -> Iterator[Task]:
+def _target_tasks(plan: Plan, rounds: _Rounds, systems: Sequence[System]) -> Iterator[Task]:
     """Frames with as many samples as a target needs by the fit, where that takes no time."""
     for system in systems:
-        law = Law.of(bench.frames, system.name, plan.threads)
+        law = Law.of(rounds.frames, system.name, plan.threads)
         for target in plan.targets:
             count = law.samples_for(target)
             if count and law.seconds_at(count) < QUICK_LIMIT and system.flexible:
                 frame = Frame(plan.width, plan.height, math.ceil(count), plan.threads)
-                task = bench.shoot(f"target {target:g}", system, frame, picture=True)
+                task = rounds.shoot(f"target {target:g}", system, frame, picture=True)
                 yield from [task] * _times(law.seconds_at(count))

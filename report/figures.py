@@ -87,7 +87,7 @@ def displayed(radiance: np.ndarray) -> np.ndarray:
 
 
 def packed_halves(radiance: np.ndarray) -> str:
-    """(H, W, 3) as base64 of deflated half floats; viewer.js unpacks it.
+    """(H, W, 3) as base64 of deflated half floats; compare.js unpacks it.
 
     Channel after channel, and in each all high bytes before all low bytes: the high bytes
     (sign, exponent) are nearly constant, which halves the size. Above 65504 is clipped.

@@ -1,4 +1,5 @@
-"""The files that the page is made of: which, what makes each, and reading them.
+"""The files that the page is made of: what makes each, and reading them. Those of one section
+alone stand in its module.
 
 Everything lies under the build folder. Images are named SCENE_nN_mM.exr: N light samples,
 M pixel samples, seed 1, the scene's own size.
@@ -8,8 +9,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,9 @@ class Input:
     """run from the repository's root, where the build folder is `build`"""
     scene: str
     needed: bool = True
-    """False: the page does without"""
+    """False: its section does without"""
+    keys: tuple[str, ...] = ()
+    """that a JSON file must have"""
 
     def path(self, build_dir: Path) -> Path:
         return build_dir / self.file
@@ -92,7 +95,8 @@ def _comparisons(scene: str) -> Iterator[Input]:
             f"penumbra compare build/{files[image]} {against} --scene scenes/{scene}.json"
             f"{perceptual} --json build/{file}"
         )
-        yield Input(file, command, scene, needed=reference == "exact")
+        keys = ("rows", "metrics", "command")
+        yield Input(file, command, scene, needed=reference == "exact", keys=keys)
 
 
 IMAGES: tuple[Input, ...] = (
@@ -112,92 +116,97 @@ _CONVERGE = (
     f"--pixel-samples 1,{PIXEL_SAMPLES} --cycles 1..64"
 )
 CONVERGENCE_CSV = Input("convergence/tp3.csv", _CONVERGE, "tp3")
-CONVERGENCE = Input("convergence/tp3.json", _CONVERGE, "tp3")
-SPEEDUP = Input("speedup.json", "penumbra speedup scenes/tp3.json -o build/speedup.csv", "tp3")
-
-INPUTS: tuple[Input, ...] = (*IMAGES, *COMPARISONS, CONVERGENCE_CSV, CONVERGENCE, SPEEDUP)
+CONVERGENCE = Input(
+    "convergence/tp3.json", _CONVERGE, "tp3", keys=("scene", "slopes", "curves", "command")
+)
 
 
 @dataclass(frozen=True)
 class Data:
-    """All inputs, read."""
+    """The inputs that are there, read."""
 
+    build_dir: Path
+    inputs: dict[str, Input]
+    """by Input.file, as are images and tables"""
     scenes: dict[str, Scene]
+    """by Input.scene, as are scene_texts"""
     scene_texts: dict[str, str]
     images: dict[str, Image]
-    """by Input.file"""
-    exact: dict[tuple[str, int, int], ExactImage]
-    """by scene, height and width: for each image"""
-    comparisons: dict[str, dict[str, Any]]
-    """what `penumbra compare` wrote, by Input.file"""
-    convergence: dict[str, Any]
-    convergence_rows: list[dict[str, str]]
-    speedup: dict[str, Any]
+    tables: dict[str, Any]
+    """what JSON and CSV files hold"""
+    _solved: dict[tuple[str, int, int], ExactImage] = field(default_factory=dict)
+
+    def __getitem__(self, item: Input) -> Any:
+        """What a JSON file holds, or a CSV file's rows: a dict each."""
+        return self.tables[item.file]
+
+    def has(self, item: Input) -> bool:
+        return item.file in self.inputs
 
     def scene(self, file: str) -> Scene:
         """The scene of the image of that Input.file."""
-        return self.scenes[next(i.scene for i in IMAGES if i.file == file)]
+        return self.scenes[self.inputs[file].scene]
 
     def truth(self, file: str) -> ExactImage:
         """The exact image of the same scene and size as the image of that Input.file."""
-        name = next(i.scene for i in IMAGES if i.file == file)
-        return self.exact[name, *self.images[file].shape]
+        height, width = self.images[file].shape
+        return self.exact(self.inputs[file].scene, width, height)
+
+    def exact(self, scene: str, width: int, height: int) -> ExactImage:
+        """The exact image of the scene of that Input.scene, solved once."""
+        key = scene, width, height
+        if key not in self._solved:
+            self._solved[key] = exact_image(self.scenes[scene], width, height)
+        return self._solved[key]
 
 
-def read_inputs(build_dir: Path, scenes_dir: Path) -> Data:
-    """Read and check everything.
+def read_inputs(inputs: Sequence[Input], build_dir: Path, scenes_dir: Path) -> Data:
+    """Read and check all that are there.
 
-    Raises ReportError for a file that is missing, broken, or of another scene than
-    scenes_dir's, naming it and the command that makes it; SceneError.
+    Raises ReportError for files that are missing though needed, or for one that is broken or of
+    another scene than scenes_dir's, naming it and the command that makes it; SceneError.
     """
-    _check_present(build_dir)
-    files = {name: scenes_dir / f"{name}.json" for name in SCENES}
+    there = {i.file: i for i in inputs if i.path(build_dir).is_file()}
+    missing = [i for i in inputs if i.needed and i.file not in there]
+    if missing:
+        raise ReportError("\n".join(str(_unusable(i, build_dir, "no such file")) for i in missing))
+    files = {i.scene: scenes_dir / f"{i.scene}.json" for i in inputs}
     scenes = {name: read_scene(file) for name, file in files.items()}
-    images = {i.file: _image(i, build_dir, scenes[i.scene]) for i in IMAGES}
-    sizes = {(i.scene, *images[i.file].shape) for i in IMAGES}
-    sizes |= {(name, scene.height, scene.width) for name, scene in scenes.items()}
+    read = {i.file: _read(i, build_dir) for i in there.values()}
+    images = {file: value for file, value in read.items() if isinstance(value, Image)}
+    for file, image in images.items():
+        _check_scene(there[file], build_dir, image, scenes[there[file].scene])
     return Data(
+        build_dir,
+        there,
         scenes,
         {name: file.read_text() for name, file in files.items()},
         images,
-        {(scene, h, w): exact_image(scenes[scene], w, h) for scene, h, w in sizes},
-        {
-            i.file: _read_json(i, build_dir, "rows", "metrics", "command")
-            for i in COMPARISONS
-            if i.path(build_dir).is_file()
-        },
-        _read_json(CONVERGENCE, build_dir, "scene", "slopes", "curves", "command"),
-        _read(CONVERGENCE_CSV, build_dir, _rows),
-        _read_json(SPEEDUP, build_dir, "rows", "command"),
+        {file: value for file, value in read.items() if file not in images},
     )
-
-
-def _check_present(build_dir: Path) -> None:
-    missing = [i for i in INPUTS if i.needed and not i.path(build_dir).is_file()]
-    if missing:
-        raise ReportError("\n".join(str(_unusable(i, build_dir, "no such file")) for i in missing))
 
 
 def _unusable(item: Input, build_dir: Path, reason: object) -> ReportError:
     return ReportError(f"{item.path(build_dir)}: {reason}; make it with: {item.command}")
 
 
-def _read(item: Input, build_dir: Path, read: Callable[[Path], Any]) -> Any:
+def _read(item: Input, build_dir: Path) -> Any:
+    """An image, a JSON object that has the input's keys, or a CSV file's rows."""
+    path = item.path(build_dir)
     try:
-        return read(item.path(build_dir))
+        value = READERS[path.suffix](path)
     except ImageError as error:  # names the file itself
         raise ReportError(f"{error}; make it with: {item.command}") from error
     except (OSError, ValueError, csv.Error) as error:
         raise _unusable(item, build_dir, error) from error
-
-
-def _read_json(item: Input, build_dir: Path, *keys: str) -> dict[str, Any]:
-    """A JSON object that has the keys."""
-    value = _read(item, build_dir, lambda path: json.loads(path.read_text()))
-    missing = [k for k in keys if not isinstance(value, dict) or k not in value]
+    missing = [k for k in item.keys if not isinstance(value, dict) or k not in value]
     if missing:
         raise _unusable(item, build_dir, f"has no {', '.join(missing)}")
-    return dict(value)
+    return value
+
+
+def _json(path: Path) -> Any:
+    return json.loads(path.read_text())
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -205,10 +214,11 @@ def _rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def _image(item: Input, build_dir: Path, scene: Scene) -> Image:
-    image: Image = _read(item, build_dir, read_image)
+READERS: dict[str, Callable[[Path], Any]] = {".exr": read_image, ".json": _json, ".csv": _rows}
+
+
+def _check_scene(item: Input, build_dir: Path, image: Image, scene: Scene) -> None:
     shown = image.attributes.get("sceneHash")
     if shown != scene.hash:
         reason = f"shows a scene of hash {shown}, but {scene.name} is now {scene.hash}"
         raise _unusable(item, build_dir, reason)
-    return image

@@ -1,28 +1,20 @@
-"""Where a shadow ray should start, as the study measured it. The page does without where
-it did not."""
+"""Where a shadow ray should start, as the study measured it."""
 
 from __future__ import annotations
 
-import csv
-import json
-import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from report.figures import rate_maps
-from report.inputs import Input, ReportError
-from report.words import digits, percent
+from report.inputs import Data, Input
+from report.words import digits, percent, power
 
-SELF_SHADOW = Input(
-    "stability/self_shadow.json",
-    "penumbra self-shadow -o build/stability/self_shadow",
-    "tp3",
-    needed=False,
-)
+_COMMAND = "penumbra self-shadow -o build/stability/self_shadow"
+SELF_SHADOW = Input("stability/self_shadow.json", _COMMAND, "tp3")
+SELF_SHADOW_CSV = Input("stability/self_shadow.csv", _COMMAND, "tp3")
 TITLES = {
     "fixed": "fixed 1e-3 m",
     "integer": "integer offset",
@@ -32,28 +24,11 @@ TITLES = {
 }
 """In the figure's order: the four ways, and what none of them can avoid"""
 MISTAKES = {"self_shadow": "false self-shadow", "light_leak": "light leak"}
-SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def self_shadow(build_dir: Path) -> dict[str, Any]:
-    """The section on self-shadowing; {"self_shadow": None} where it was not measured.
-
-    Raises ReportError for files that are broken or do not belong together.
-    """
-    file = SELF_SHADOW.path(build_dir)
-    if not file.is_file():
-        return {"self_shadow": None}
-    try:
-        measured = json.loads(file.read_text())
-        with file.with_suffix(".csv").open(newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        section = _section(measured, rows)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ReportError(f"{file}: {error}; make it with: {SELF_SHADOW.command}") from error
-    return {"self_shadow": section}
-
-
-def _section(measured: dict[str, Any], rows: Sequence[dict[str, str]]) -> dict[str, Any]:
+def self_shadow(data: Data) -> dict[str, Any]:
+    """Four ways to start a shadow ray: how often each is wrong, on a map and all together."""
+    measured, rows = data[SELF_SHADOW], data[SELF_SHADOW_CSV]
     verdict = {(v["precision"], v["strategy"]): v for v in measured["verdict"]}
     return {
         "svg": heat_map(rows, "float32"),
@@ -123,13 +98,3 @@ def description(precision: str) -> str:
         "translation and scale, for a fixed offset, an integer offset, an error bound, skipping "
         "the surface, and the rounding of the hit point alone"
     )
-
-
-def power(value: float) -> str:
-    """
-    >>> power(0.0), power(1.0), power(1e-6), power(20.0)
-    ('0', '1', '10⁻⁶', '20')
-    """
-    if value == 0 or value == 1 or not math.log10(value).is_integer():
-        return f"{value:g}"
-    return "10" + f"{math.log10(value):.0f}".translate(SUPERSCRIPT)

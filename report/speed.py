@@ -1,38 +1,26 @@
-"""How fast the renderers are, as bench measured it. The page does without where it did not."""
+"""How fast the renderers are, as bench measured it."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup, escape
 
 from bench.page import Table, about, all_tables
-from report.inputs import Input, ReportError
+from report.inputs import Data, Input
 
-BENCH = Input("bench/bench.json", "make bench", "tp3", needed=False)
+BENCH = Input("bench/bench.json", "make bench", "tp3")
 
 
-def speed(build_dir: Path) -> dict[str, Any]:
-    """The section on speed; {"speed": None} where it was not measured.
-
-    Raises ReportError for a broken file.
-    """
-    file = BENCH.path(build_dir)
-    if not file.is_file():
-        return {"speed": None}
-    try:
-        measured = json.loads(file.read_text())
-        section = {
-            "about": _html(about(measured)),
-            "tables": [_table(t) for t in all_tables(measured)],
-            "command": BENCH.command,
-        }
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ReportError(f"{file}: {error!r}; make it with: {BENCH.command}") from error
-    return {"speed": section}
+def speed(data: Data) -> dict[str, Any]:
+    """What bench says of its run, and its tables."""
+    measured = data[BENCH]
+    return {
+        "about": _html(about(measured)),
+        "tables": [_table(t) for t in all_tables(measured)],
+        "command": BENCH.command,
+    }
 
 
 def _table(table: Table) -> dict[str, Any]:

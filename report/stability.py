@@ -1,24 +1,21 @@
-"""Where floats break, as the study measured it. The page does without where it did not."""
+"""Where floats break, as the study measured it."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 from report.figures import Line, log_chart
-from report.inputs import Input, ReportError
-from report.self_shadow import power
-from report.words import digits
+from report.inputs import Data, Input
+from report.words import digits, power, signed_power
 
 STABILITY = Input(
     "stability/stability.json",
     "penumbra stability -o build/stability/stability",
     "tp3",
-    needed=False,
 )
 CURVES = {
     ("area", "float32"): ("sampled, float32", "#0072b2", "o", "-"),
@@ -38,22 +35,9 @@ CAUSES = {
 }
 
 
-def stability(build_dir: Path) -> dict[str, Any]:
-    """The stability map; {"stability": None} where it was not measured.
-
-    Raises ReportError for a file that is broken.
-    """
-    file = STABILITY.path(build_dir)
-    if not file.is_file():
-        return {"stability": None}
-    try:
-        section = _section(json.loads(file.read_text()))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ReportError(f"{file}: {error}; make it with: {STABILITY.command}") from error
-    return {"stability": section}
-
-
-def _section(measured: dict[str, Any]) -> dict[str, Any]:
+def stability(data: Data) -> dict[str, Any]:
+    """The stability map, the sweeps, pixels near a light, and sums of many samples."""
+    measured = data[STABILITY]
     return {
         "groups": [
             {
@@ -136,19 +120,6 @@ def _row(sweep: dict[str, Any], limits: Sequence[float]) -> dict[str, Any]:
         "worst": [digits(max(curves[key]["errors"]), 2) for key in CURVES],
         "boundary": _boundary(sweep["curves"][0], limits),
     }
-
-
-def signed_power(value: float) -> str:
-    """
-    >>> signed_power(-1e-7), signed_power(2e-9), signed_power(0.0), signed_power(31000.0)
-    ('−10⁻⁷', '2·10⁻⁹', '0', '3.1·10⁴')
-    """
-    sign, size = ("−" if value < 0 else ""), abs(value)
-    if size == 0 or 0.01 <= size < 1000:
-        return sign + f"{size:g}"
-    mantissa, _, exponent = f"{size:.1e}".partition("e")
-    scale = power(float(f"1e{exponent}"))
-    return sign + (scale if float(mantissa) == 1 else f"{float(mantissa):g}·{scale}")
 
 
 # Pixels near a light

@@ -1,8 +1,7 @@
-"""What a millisecond buys, as the study measured it. The page does without where it did not."""
+"""What a millisecond buys, as the study measured it."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,22 +9,20 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from compare.exact.image import PENUMBRA, ExactImage, exact_image
 from compare.measure.image import read_image
 from compare.studies.choice import duration, options, place, verdict_text
 from compare.studies.choice import percent as error_text
 from report import figures
 from report.figures import Crop
-from report.inputs import Data, Input, ReportError
-from report.pictures import ENLARGED
+from report.inputs import Data, Input
+from report.pictures import detail, edge_window
 from report.words import digits, fixed, interval, percent
 
 TRADE = Input(
     "trade/tp3.json",
-    "penumbra trade scenes/tp3.json -o build/trade/tp3 --keep-images --cycles "
-    "--verify scenes/small_light.json scenes/three_spheres.json",
+    "penumbra trade scenes/tp3.json -o build/trade/tp3 --keep-images "
+    "--verify scenes/small_light.json scenes/three_spheres.json --cycles",
     "tp3",
-    needed=False,
 )
 COLOURS = {"independent": "#0072b2", "jittered": "#009e73", "sobol": "#c2528b"}
 CYCLES_COLOUR, OTHER_COLOUR = "#d55e00", "#222222"
@@ -42,26 +39,14 @@ VERDICTS = {
 }
 
 
-def trade(data: Data, build_dir: Path) -> dict[str, Any]:
-    """Figures 10 and 11, the answers, their trial and the slopes; {"trade": None} without them.
+def trade(data: Data) -> dict[str, Any]:
+    """Figures 10 and 11, the answers, their trial and the slopes.
 
-    Raises ReportError for a trade of another scene or with broken or missing images.
+    Raises ValueError for a trade of another scene, ImageError for a broken or missing image.
     """
-    file = TRADE.path(build_dir)
-    if not file.is_file():
-        return {"trade": None}
-    try:
-        measured = json.loads(file.read_text())
-        if measured["scene_hash"] != data.scenes["tp3"].hash:
-            raise ValueError("shows another scene than scenes/tp3.json does now")
-        strips = _strips(data, measured, file.parent)
-        section = _section(measured) | {"strips": strips}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ReportError(f"{file}: {error}; make it with: {TRADE.command}") from error
-    return {"trade": section}
-
-
-def _section(measured: dict[str, Any]) -> dict[str, Any]:
+    measured = data[TRADE]
+    if measured["scene_hash"] != data.scenes["tp3"].hash:
+        raise ValueError("shows another scene than scenes/tp3.json does now")
     most = _threads(measured)[-1]
     first = _headline(measured["answers"])
     return {
@@ -84,6 +69,7 @@ def _section(measured: dict[str, Any]) -> dict[str, Any]:
         "trials": [_trial(t) for t in measured["trials"] if t["verdict"] in VERDICTS],
         "verdict": verdict_text(measured["trials"]) if measured["trials"] else "",
         "slopes": _slopes(measured["slopes"]),
+        "strips": _strips(data, measured),
         "command": measured["command"],
         "machine": f"{measured['machine']['processor']}, {measured['machine']['cores']} cores",
     }
@@ -245,28 +231,20 @@ def _slope(slope: dict[str, Any]) -> dict[str, str]:
 # Figure 11
 
 
-def _strips(data: Data, measured: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
+def _strips(data: Data, measured: dict[str, Any]) -> list[dict[str, Any]]:
     """The penumbra, enlarged, of images of one time and of one error, and of the exact one."""
     shown = [(name, entries) for name, entries in measured["strips"].items() if entries]
     if not shown:
         return []
-    size = measured["height"], measured["width"]
-    truth = data.exact.get(("tp3", *size)) or exact_image(data.scenes["tp3"], size[1], size[0])
-    window = _window(data, truth)
+    truth = data.exact("tp3", measured["width"], measured["height"])
+    window = edge_window(data.scenes["tp3"], truth)
+    folder = TRADE.path(data.build_dir).parent
     strips = []
     for name, entries in shown:
         cells = [_cell(entry, folder, window) for entry in entries]
         cells.append(_picture(truth.radiance, window, "the exact solution", "no noise"))
         strips.append({"name": name, "cells": cells})
     return strips
-
-
-def _window(data: Data, truth: ExactImage) -> Crop:
-    """Around the penumbra on the floor."""
-    on_plane = truth.object_id >= len(data.scenes["tp3"].spheres)
-    edge = np.where(on_plane, truth.shadow == PENUMBRA, -1)
-    height, width = truth.shadow.shape
-    return figures.crop_around(edge, max(1, width // ENLARGED), max(1, height // ENLARGED))
 
 
 def _cell(entry: dict[str, Any], folder: Path, window: Crop) -> dict[str, Any]:
@@ -281,11 +259,7 @@ def _picture(radiance: np.ndarray, window: Crop, title: str, facts: str) -> dict
     return {
         "title": title,
         "facts": facts,
-        "picture": {
-            "png": figures.png_uri(figures.displayed(window.of(radiance))),
-            "width": window.width,
-            "height": window.height,
-            "alt": f"The penumbra enlarged: {title}, {facts}",
-            "window": None,
-        },
+        "picture": detail(
+            figures.displayed(radiance), window, f"The penumbra enlarged: {title}, {facts}"
+        ),
     }

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 
 def size_of(values: dict[str, Any]) -> str:
     return f"{values['width']} × {values['height']}"
@@ -25,8 +27,34 @@ def digits(value: float | None, significant: int = 3) -> str:
         decimals = max(0, significant - 1 - math.floor(math.log10(abs(rounded))))
         return f"{rounded:.{decimals}f}".replace("-", "−")
     mantissa, exponent = f"{value:.{significant - 1}e}".split("e")
-    superscript = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    return f"{mantissa} × 10{superscript}".replace("-", "−")
+    return f"{mantissa} × {_ten_to(int(exponent))}".replace("-", "−")
+
+
+def _ten_to(exponent: int) -> str:
+    return "10" + str(exponent).translate(SUPERSCRIPT)
+
+
+def power(value: float) -> str:
+    """
+    >>> power(0.0), power(1.0), power(1e-6), power(20.0)
+    ('0', '1', '10⁻⁶', '20')
+    """
+    if value == 0 or value == 1 or not math.log10(value).is_integer():
+        return f"{value:g}"
+    return _ten_to(round(math.log10(value)))
+
+
+def signed_power(value: float) -> str:
+    """
+    >>> signed_power(-1e-7), signed_power(2e-9), signed_power(0.0), signed_power(31000.0)
+    ('−10⁻⁷', '2·10⁻⁹', '0', '3.1·10⁴')
+    """
+    sign, size = ("−" if value < 0 else ""), abs(value)
+    if size == 0 or 0.01 <= size < 1000:
+        return sign + f"{size:g}"
+    mantissa, _, exponent = f"{size:.1e}".partition("e")
+    scale = power(float(f"1e{exponent}"))
+    return sign + (scale if float(mantissa) == 1 else f"{float(mantissa):g}·{scale}")
 
 
 def fixed(value: float | None, decimals: int = 3) -> str:

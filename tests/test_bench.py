@@ -25,6 +25,7 @@ from compare.scene import read_scene
 from report.inputs import ReportError
 from report.speed import speed
 from tests.conftest import ROOT, built
+from tests.section import data_of, rendered_section
 
 WIDTH, HEIGHT = 36, 24
 
@@ -293,19 +294,19 @@ def test_benchmark_writes_csv_json_and_the_page(scenes: Path, tmp_path: Path) ->
     assert 0 <= result["stolen"] <= 1
     reached = {row["what"]: row["met"] for row in result["targets"]}
     assert reached["render time, Cycles / area sobol, N = 16"] is None
-    section = speed(tmp_path)["speed"]
-    assert section and "<code>make bench</code>" in section["about"]
+    section = speed(data_of("speed", tmp_path))
+    assert "<code>make bench</code>" in section["about"]
     compared = section["tables"][1]
     assert compared["title"].endswith("a multiple of <code>area sobol</code>")
     assert ["<code>area sobol</code>", "1.00", "1.00"] in compared["rows"]
 
 
 def test_report_does_without_a_benchmark_and_refuses_a_broken_one(tmp_path: Path) -> None:
-    assert speed(tmp_path) == {"speed": None}
+    assert rendered_section("speed", tmp_path) is None
     (tmp_path / "bench").mkdir()
     (tmp_path / "bench/bench.json").write_text('{"targets": []}')
     with pytest.raises(ReportError, match=r"bench\.json.*make bench"):
-        speed(tmp_path)
+        rendered_section("speed", tmp_path)
 
 
 @pytest.mark.parametrize(

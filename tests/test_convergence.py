@@ -29,7 +29,7 @@ from compare.run.renderers import (
     penumbra_renderer,
 )
 from compare.scene import read_scene
-from compare.studies.convergence import COLUMNS, ConvergenceError, Curve, Study, converge
+from compare.studies.convergence import COLUMNS, ConvergenceError, ConvergenceStudy, Curve, converge
 from compare.studies.speedup import speedup
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -115,10 +115,10 @@ def fake_command(folder: Path, what: str) -> str:
     return f"{program} '{what}' {{scene}} {{light_samples}} {{seed}} {{out}}"
 
 
-def study(scene: Path, renderer: CommandRenderer, **changes: Any) -> Study:
+def study(scene: Path, renderer: CommandRenderer, **changes: Any) -> ConvergenceStudy:
     curve = Curve(renderer, changes.pop("light_samples", (1, 4, 16, 64)))
     out = scene.parent / "result"
-    return Study(scene, out, (curve,), **{"seeds": 3, **changes})
+    return ConvergenceStudy(scene, out, (curve,), **{"seeds": 3, **changes})
 
 
 def rows_of(file: Path) -> list[dict[str, str]]:
@@ -477,11 +477,15 @@ def test_study_that_a_command_cannot_do_is_refused(
     renderer = fake("independent")
     with pytest.raises(ConvergenceError, match=r"needs \{width\}"):
         converge(study(scene, renderer, width=10, height=10))
-    anti_aliased = Study(scene, scene.parent / "result", (Curve(renderer, (1,), (1, 4)),))
+    anti_aliased = ConvergenceStudy(
+        scene, scene.parent / "result", (Curve(renderer, (1,), (1, 4)),)
+    )
     with pytest.raises(ConvergenceError, match=r"needs \{pixel_samples\}"):
         converge(anti_aliased)
     with pytest.raises(ConvergenceError, match="two renderers are labelled fake"):
-        converge(Study(scene, scene.parent / "result", (Curve(renderer), Curve(renderer))))
+        converge(
+            ConvergenceStudy(scene, scene.parent / "result", (Curve(renderer), Curve(renderer)))
+        )
 
 
 # ---------------------------------------------------------------- killed runs
@@ -577,7 +581,9 @@ def test_c_renderer_converges_with_slope_minus_half(
     seeds: it can fail after a change of the random numbers alone, once in 20."""
     curve = Curve(penumbra_renderer())
     result = converge(
-        Study(scenes / "tp3.json", tmp_path / "tp3", (curve,), seeds=4, width=90, height=60)
+        ConvergenceStudy(
+            scenes / "tp3.json", tmp_path / "tp3", (curve,), seeds=4, width=90, height=60
+        )
     )
     found = slope_of(result, "all")
     assert found["low"] <= -0.5 <= found["high"]
@@ -607,7 +613,9 @@ def test_anti_aliased_error_is_that_of_the_lights_and_of_the_positions(
     rays anti-aliasing costs nothing. Each MSE is the mean of 4 images over P pixels, known to
     sqrt(2 / 4P); five standard errors of the ratio of two."""
     curve = Curve(penumbra_renderer(), (1, 8, 64), (1, 16))
-    result = converge(Study(scenes / "tp3.json", tmp_path / "tp3", (curve,), width=90, height=60))
+    result = converge(
+        ConvergenceStudy(scenes / "tp3.json", tmp_path / "tp3", (curve,), width=90, height=60)
+    )
     assert result["pixel_grid"] > 1
     images: dict[tuple[int, int], list[float]] = {}
     for row in rows_of(tmp_path / "tp3.csv"):

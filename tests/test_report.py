@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 import penumbra
 from compare.exact.image import exact_image
@@ -27,8 +27,11 @@ from compare.measure.image import Image, read_image, write_exr
 from compare.scene import read_scene
 from report import figures
 from report.build import build
-from report.inputs import IMAGES, INPUTS, LIGHT_SAMPLES, SCENES, ReportError, image_file
+from report.inputs import IMAGES, LIGHT_SAMPLES, SCENES, ReportError, image_file
+from report.sections import SECTIONS, inputs_of
+from tests import section
 
+INPUTS = inputs_of([s for s in SECTIONS if not s.optional])
 WIDTH, HEIGHT = 48, 32
 HALF = 2.0**-11
 """largest relative rounding error of a half float"""
@@ -124,16 +127,8 @@ def page_file(inputs: Path, small_scenes: Path, tmp_path_factory: pytest.TempPat
 
 @pytest.fixture(scope="module")  # two of Playwright's cannot live in one process
 def browser() -> Iterator[Browser]:
-    names = ("chromium", "chromium-browser", "google-chrome")
-    program = next((path for path in map(shutil.which, names) if path), None)
-    if program is None:
-        pytest.fail(f"none of {', '.join(names)} is installed: run ./setup.sh")
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--disable-gpu"]
-        )
+    with section.browser() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture

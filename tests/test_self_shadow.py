@@ -10,13 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import mpmath
 import numpy as np
 import pytest
 from scipy import stats
 
 import penumbra
+from cli.exit import PASS
 from compare.exact.image import UMBRA, exact_image
 from compare.measure.image import Image
 from compare.run.renderers import MissingProgramError
@@ -32,27 +32,27 @@ from compare.studies.self_shadow import (
     STRATEGIES,
     TRANSLATIONS,
     VISIBLE,
-    Study,
+    AimedScene,
+    aimed_scenes,
     answers,
     counts,
     proportion_interval,
     self_shadow_map,
-    studies,
     verdict,
     write_map,
 )
 from report import self_shadow as report
-from report.build import TEMPLATES
 from report.figures import rate_colours
 from report.inputs import ReportError
 from report.words import digits
 from tests import core
+from tests.section import data_of, rendered_section
 
 RAYS = 1024
-BY_NAME = {study.name: study for study in studies()}
+BY_NAME = {aimed.name: aimed for aimed in aimed_scenes()}
 TRUTH, ROUNDING, FIXED, INTEGER, BOUNDED, SKIP = range(6)
 """Columns of answers()"""
-FLOORED = [name for name, study in BY_NAME.items() if len(study.planes)]
+FLOORED = [name for name, aimed in BY_NAME.items() if len(aimed.planes)]
 
 
 def found(
@@ -66,14 +66,14 @@ def found(
 # ---------------------------------------------------------------- the truth
 
 
-def exactly(study: Study, precision: str, translation: float, scale: float, ray: Any) -> int:
+def exactly(aimed: AimedScene, precision: str, translation: float, scale: float, ray: Any) -> int:
     """The truth about one shadow ray with 60 digits, by other formulas than C's: a segment with
     both ends outside a ball meets it if it comes nearer to the centre than the radius; with one
     end inside, always; with both, never. A plane is met if the ends are on different sides. A
     sphere's inside is left by every segment that ends outside the ball."""
     v = mpmath.matrix
     spheres, planes, quad, camera = (
-        a.tolist() for a in study.stored(precision, translation, scale)
+        a.tolist() for a in aimed.stored(precision, translation, scale)
     )
     ray = ray.tolist()
     o, d = v(camera), v(ray[:3])
@@ -136,9 +136,9 @@ def test_truth_is_that_of_60_digits(
 ) -> None:
     """Of every kind of answer that occurs, and of the rays that some strategy gets wrong, which
     are the delicate ones, a few. The scenes are degenerate enough for mistakes at most places."""
-    study = BY_NAME[name]
-    judged = answers(study, precision, translation, scale, RAYS, 2)
-    rays = study.rays(precision, RAYS, 2)
+    aimed = BY_NAME[name]
+    judged = answers(aimed, precision, translation, scale, RAYS, 2)
+    rays = aimed.rays(precision, RAYS, 2)
     sent = np.flatnonzero(judged[:, TRUTH] != NOT_SENT)
     delicate = sent[(judged[sent, 1:] != judged[sent, :1]).any(axis=1)][:6]
     usual = [np.flatnonzero(judged[:, TRUTH] == kind)[:4] for kind in (VISIBLE, OWN, OTHER)]
@@ -146,7 +146,7 @@ def test_truth_is_that_of_60_digits(
     assert len(chosen) >= 4
     with mpmath.workdps(60):
         for i in chosen:
-            assert exactly(study, precision, translation, scale, rays[i]) == judged[i, TRUTH]
+            assert exactly(aimed, precision, translation, scale, rays[i]) == judged[i, TRUTH]
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -156,8 +156,8 @@ def test_what_knows_no_length_does_not_see_the_scale(precision: str, power: int)
     the truth, the error bound and skipping answer bit for bit the same. A fixed length does
     not, nor does an offset that is fixed near 0."""
     changed = False
-    for study in BY_NAME.values():
-        one, other = (answers(study, precision, 0.0, s, RAYS, 3) for s in (1.0, 2.0**power))
+    for aimed in BY_NAME.values():
+        one, other = (answers(aimed, precision, 0.0, s, RAYS, 3) for s in (1.0, 2.0**power))
         same = [TRUTH, ROUNDING, BOUNDED, SKIP]
         assert np.array_equal(one[:, same], other[:, same])
         changed |= not np.array_equal(one[:, FIXED], other[:, FIXED])
@@ -305,15 +305,15 @@ def test_renderer_answers_as_the_study_says_of_skipping(
     """libpenumbra's hit, light sample and occlusion, ray by ray: the study is about the program
     that students run. Both are of one source, but the link-time optimiser may fuse a product in
     the one and not in the other, so where rounding decides, one ray in 200 may differ."""
-    study = BY_NAME[name]
-    judged = answers(study, precision, translation, scale, RAYS, 4)
+    aimed = BY_NAME[name]
+    judged = answers(aimed, precision, translation, scale, RAYS, 4)
     built = core.core(precision)
     built.ffi.cdef(DECLARATIONS, override=True)
-    scene, kept = _core_scene(built, study, precision, translation, scale)
+    scene, kept = _core_scene(built, aimed, precision, translation, scale)
     library = built.library
     same = []
     sampler = built.ffi.new("LightSampler *")
-    for ray, row in zip(study.rays(precision, RAYS, 4).tolist(), judged, strict=True):
+    for ray, row in zip(aimed.rays(precision, RAYS, 4).tolist(), judged, strict=True):
         if row[TRUTH] == NOT_SENT:
             continue
         hit = library.scene_hit(scene, {"origin": kept["camera"], "direction": ray[:3]})
@@ -327,10 +327,10 @@ def test_renderer_answers_as_the_study_says_of_skipping(
 
 
 def _core_scene(
-    built: core.Core, study: Study, precision: str, translation: float, scale: float
+    built: core.Core, aimed: AimedScene, precision: str, translation: float, scale: float
 ) -> tuple[Any, dict[str, Any]]:
-    """libpenumbra's Scene of the study, and what must outlive it."""
-    spheres, planes, quad, camera = study.stored(precision, translation, scale)
+    """libpenumbra's Scene of the same numbers, and what must outlive it."""
+    spheres, planes, quad, camera = aimed.stored(precision, translation, scale)
     u, v = quad[3:6], quad[6:]
     across = np.cross(u, v)
     length = np.sqrt(across @ across)
@@ -422,7 +422,7 @@ def test_command_writes_a_tidy_table_and_its_verdict(
     """One row for each scene, place, precision and strategy, counts that add up, and the same
     numbers when it is run again."""
     out = tmp_path / "deep" / "map"
-    assert penumbra.main(["self-shadow", "-o", str(out), "--rays", "16"]) == penumbra.PASS
+    assert penumbra.main(["self-shadow", "-o", str(out), "--rays", "16"]) == PASS
     assert "skip" in capsys.readouterr().out
     rows = list(csv.DictReader(out.with_suffix(".csv").open()))
     assert list(rows[0]) == list(self_shadow.COLUMNS)
@@ -458,26 +458,22 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_report_does_without_what_was_not_measured(tmp_path: Path) -> None:
-    assert report.self_shadow(tmp_path) == {"self_shadow": None}
+    assert rendered_section("self_shadow", tmp_path) is None
 
 
 def test_report_states_the_verdict_and_draws_the_map(measured: Path) -> None:
     """Every way and every scene is named; the wrong share of skipping is the JSON's."""
-    section = report.self_shadow(measured)["self_shadow"]
+    section = report.self_shadow(data_of("self_shadow", measured))
     table = json.loads((measured / "stability" / "self_shadow.json").read_text())["verdict"]
     skip = next(v for v in table if (v["precision"], v["strategy"]) == ("float32", "skip"))
     assert section["skip_wrong"] == digits(100 * skip["wrong_rate"])
     assert [row["title"] for row in section["verdict"] if row["wins"]] == [
         report.TITLES["skip"]
     ] * 2
-    environment = jinja2.Environment(
-        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
-    )
-    command = "{% macro command(lines) %}{{ lines|join }}{% endmacro %}"
-    template = environment.from_string(command + "{% include 'self_shadow.html.j2' %}")
-    html = template.render(self_shadow=section)
+    shown = rendered_section("self_shadow", measured)
+    assert shown is not None
     for text in (*report.TITLES.values(), *report.MISTAKES.values(), *BY_NAME):
-        assert text in html
+        assert text in shown.html
     assert section["svg"].count("<image") >= len(report.TITLES) * len(report.MISTAKES)
 
 
@@ -487,10 +483,10 @@ def test_report_refuses_a_broken_map(measured: Path, tmp_path: Path) -> None:
     text = (measured / "stability" / "self_shadow.json").read_text()
     (folder / "self_shadow.json").write_text(text)
     with pytest.raises(ReportError, match="penumbra self-shadow"):
-        report.self_shadow(tmp_path)
+        rendered_section("self_shadow", tmp_path)
     (folder / "self_shadow.json").write_text(text[:100])
     with pytest.raises(ReportError, match="penumbra self-shadow"):
-        report.self_shadow(tmp_path)
+        rendered_section("self_shadow", tmp_path)
 
 
 def test_a_rate_is_coloured_by_the_step_that_it_does_not_exceed() -> None:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import pytest
-from markupsafe import Markup
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
 from compare.studies.stability import study
-from report.build import TEMPLATES
 from report.inputs import ReportError
-from report.stability import CAUSES, power, signed_power, stability
-from report.words import digits
+from report.stability import CAUSES
+from report.words import digits, power, signed_power
+from tests.section import rendered_section, section_page
 
 HOSTILE = "<script>alert('no')</script>&\"'"
 
@@ -40,39 +37,10 @@ def measured(build_dir: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def page(build_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    """The section alone, in headless Chromium; any complaint fails the last test's end."""
-    environment = jinja2.Environment(
-        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
-    )
-    macros = (TEMPLATES / "page.html.j2").read_text().partition("<!doctype")[0]
-    head = '<html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,"><title>t</title>'
-    body = '<style>{{ css }}</style><main>{% include "stability.html.j2" %}</main>'
-    css = "".join((TEMPLATES / f"{n}.css").read_text() for n in ("page", "trade", "stability"))
-    file = tmp_path_factory.mktemp("section") / "index.html"
-    file.write_text(
-        environment.from_string(f"{macros}<!doctype html>{head}{body}").render(
-            stability(build_dir),
-            css=Markup(css),
-            stability_script=Markup((TEMPLATES / "stability.js").read_text()),
-        )
-    )
-    names = ("chromium", "chromium-browser", "google-chrome")
-    program = next((path for path in map(shutil.which, names) if path), None)
-    if program is None:
-        pytest.fail(f"none of {', '.join(names)} is installed: run ./setup.sh")
-    complaints: list[str] = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--disable-gpu"]
-        )
-        tab = browser.new_page(viewport={"width": 1200, "height": 900})
-        tab.on("console", lambda message: complaints.append(message.text))
-        tab.on("pageerror", lambda error: complaints.append(str(error)))
-        tab.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
-        tab.goto(file.as_uri())
+    """The section alone, in headless Chromium."""
+    folder = tmp_path_factory.mktemp("section")
+    with section_page("stability", build_dir, folder) as tab:
         yield tab
-        browser.close()
-    assert complaints == []
 
 
 def told(tab: Page) -> dict[str, str]:
@@ -155,11 +123,11 @@ def test_section_fits_the_window(page: Page, width: int) -> None:
 
 
 def test_page_does_without_and_refuses_what_is_broken(tmp_path: Path) -> None:
-    assert stability(tmp_path) == {"stability": None}
+    assert rendered_section("stability", tmp_path) is None
     (tmp_path / "stability").mkdir()
     (tmp_path / "stability" / "stability.json").write_text("{}")
     with pytest.raises(ReportError, match=r"penumbra stability -o"):
-        stability(tmp_path)
+        rendered_section("stability", tmp_path)
 
 
 def test_powers_are_written_out() -> None:

@@ -8,25 +8,21 @@ import math
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import jinja2
 import numpy as np
 import pytest
-from markupsafe import Markup
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
 import penumbra
+from cli.exit import USAGE
 from compare.measure.image import Image, read_image
 from compare.run.library import Setting, WarmRenderer
-from compare.scene import read_scene
 from compare.studies import choice
 from compare.studies.choice import answer, cheapest, frontier, need, trial, verdict_text
-from compare.studies.trade import Study, median_interval, trade
-from report import trade as report_trade
-from report.build import TEMPLATES
+from compare.studies.trade import TradeStudy, median_interval, trade
 from report.inputs import ReportError
+from tests.section import rendered_section, section_page
 
 WIDTH, HEIGHT = 60, 40
 HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)>'
@@ -255,7 +251,7 @@ def measured(
 ) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("trade") / "tp3"
     result = trade(
-        Study(
+        TradeStudy(
             scenes / "tp3.json",
             out,
             verify=(scenes / "small_light.json", scenes / "three_spheres.json"),
@@ -360,7 +356,7 @@ def test_where_nothing_is_sampled_every_estimator_is_one_row(
 ) -> None:
     """Under a point light N and sampler change nothing: each estimator is one setting, whose
     error is float32's alone (below 1e-6), so the fastest is recommended, without an N."""
-    study = Study(scenes / "tp3_point.json", tmp_path / "point", threads=(1,), seeds=2,
+    study = TradeStudy(scenes / "tp3_point.json", tmp_path / "point", threads=(1,), seeds=2,
                   targets=(0.01,), width=24, height=16)  # fmt: skip
     result = trade(study)
     estimators = WarmRenderer(study.scene_file, 24, 16).estimators
@@ -400,17 +396,12 @@ def test_what_cannot_be_measured_is_said_at_once(
     options: list[str], said: str, scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["trade", str(scenes / "tp3.json"), "-o", str(tmp_path / "tp3"), *options]
-    assert penumbra.main(command) == penumbra.USAGE
+    assert penumbra.main(command) == USAGE
     assert said in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 # The chart
-
-
-def _section(build_dir: Path, scenes: Path) -> dict[str, Any]:
-    data: Any = SimpleNamespace(scenes={"tp3": read_scene(scenes / "tp3.json")}, exact={})
-    return report_trade.trade(data, build_dir)
 
 
 @pytest.fixture(scope="module")
@@ -436,46 +427,11 @@ def build_dir(
 
 
 @pytest.fixture(scope="module")
-def section_file(build_dir: Path, scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The section alone in a page, with the page's macros and style."""
-    environment = jinja2.Environment(
-        autoescape=True, loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined
-    )
-    macros = (TEMPLATES / "page.html.j2").read_text().partition("<!doctype")[0]
-    head = '<html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,">'
-    body = '<title>t</title><style>{{ css }}</style><main>{% include "trade.html.j2" %}</main>'
-    css = "".join((TEMPLATES / name).read_text() for name in ("page.css", "trade.css"))
-    html = environment.from_string(f"{macros}<!doctype html>{head}{body}").render(
-        _section(build_dir, scenes),
-        css=Markup(css),
-        enlarged=6,
-        trade_script=Markup((TEMPLATES / "trade.js").read_text()),
-    )
-    file = tmp_path_factory.mktemp("section") / "index.html"
-    file.write_text(html)
-    return file
-
-
-@pytest.fixture(scope="module")
-def page(section_file: Path) -> Iterator[Page]:
-    """In headless Chromium; any complaint or request fails the last test's end."""
-    names = ("chromium", "chromium-browser", "google-chrome")
-    program = next((path for path in map(shutil.which, names) if path), None)
-    if program is None:
-        pytest.fail(f"none of {', '.join(names)} is installed: run ./setup.sh")
-    complaints: list[str] = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--disable-gpu"]
-        )
-        tab = browser.new_page(viewport={"width": 1200, "height": 900})
-        tab.on("console", lambda message: complaints.append(message.text))
-        tab.on("pageerror", lambda error: complaints.append(str(error)))
-        tab.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
-        tab.goto(section_file.as_uri())
+def page(build_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The section alone, in headless Chromium."""
+    folder = tmp_path_factory.mktemp("section")
+    with section_page("trade", build_dir, folder) as tab:
         yield tab
-        browser.close()
-    assert complaints == []
 
 
 @pytest.fixture
@@ -617,21 +573,21 @@ def test_the_section_fits_the_window(page: Page, width: int) -> None:
     page.set_viewport_size({"width": 1200, "height": 900})
 
 
-def test_the_page_does_without_a_trade(tmp_path: Path, scenes: Path) -> None:
-    assert _section(tmp_path, scenes) == {"trade": None}
+def test_the_page_does_without_a_trade(tmp_path: Path) -> None:
+    assert rendered_section("trade", tmp_path) is None
 
 
-def test_a_trade_of_another_scene_is_refused(build_dir: Path, scenes: Path, tmp_path: Path) -> None:
+def test_a_trade_of_another_scene_is_refused(build_dir: Path, tmp_path: Path) -> None:
     shutil.copytree(build_dir / "trade", tmp_path / "trade")
     file = tmp_path / "trade" / "tp3.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"scene_hash": "0"}))
     with pytest.raises(ReportError, match=r"shows another scene.*penumbra trade"):
-        _section(tmp_path, scenes)
+        rendered_section("trade", tmp_path)
 
 
 def test_the_commands_defaults_are_the_studys() -> None:
     """They stand in its help too, where nothing is imported that is slow."""
     options = penumbra._parser().parse_args(["trade", "scene.json", "--cycles"])
     for name in ("light_samples", "seeds", "targets", "max_seconds", "threads"):
-        assert getattr(options, name) == getattr(Study, name), name
-    assert options.cycles == Study.cycles_light_samples
+        assert getattr(options, name) == getattr(TradeStudy, name), name
+    assert options.cycles == TradeStudy.cycles_light_samples

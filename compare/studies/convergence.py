@@ -76,7 +76,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Study:
+class ConvergenceStudy:
     """All that decides a convergence study.
 
     Width and height: those given, else the reference's, else the scene's, brought down to
@@ -101,7 +101,7 @@ class Study:
         return self.out.with_name(self.out.name + suffix)
 
 
-def converge(study: Study) -> dict[str, Any]:
+def converge(study: ConvergenceStudy) -> dict[str, Any]:
     """Render, measure and fit; write <out>.csv and <out>.json; return what the JSON holds.
 
     Every image has a seed of its own, so errors are independent between one N and another,
@@ -111,17 +111,17 @@ def converge(study: Study) -> dict[str, Any]:
     Raises SceneError, ImageError, ConvergenceError, JournalError, RendererError,
     MissingProgramError, OSError.
     """
-    bench = _Bench(study)
+    solved = _SolvedScene(study)
     for curve in study.curves:
-        _check_curve(curve, bench, study)
-    fingerprints = [bench.fingerprint(curve.renderer) for curve in study.curves]
+        _check_curve(curve, solved, study)
+    fingerprints = [solved.fingerprint(curve.renderer) for curve in study.curves]
     with Journal(study.file(".journal")) as journal, _scratch(study) as scratch:
         measured = [
-            (curve, _measure_curve(curve, bench, fingerprint, journal, scratch))
+            (curve, _measure_curve(curve, solved, fingerprint, journal, scratch))
             for curve, fingerprint in zip(study.curves, fingerprints, strict=True)
         ]
-        rows = [row for curve, images in measured for row in _rows(bench, curve, images)]
-        result = _summary(bench, rows, measured)
+        rows = [row for curve, images in measured for row in _rows(solved, curve, images)]
+        result = _summary(solved, rows, measured)
         provenance.write_whole(study.file(".csv"), lambda part: _write_csv(part, rows))
         provenance.write_json(study.file(".json"), result)
         journal.delete()
@@ -142,8 +142,7 @@ class _Truth:
     def region_floor(self, region: str, eight_bit: bool) -> float:
         """MSE that the truth's own error, or the image file's 8 bits, may account for."""
         mask = self.regions[region]
-        rounding = ROUNDING * float(self.radiance.max())
-        squared = float(np.mean((self.error_bound[mask] + rounding) ** 2))
+        squared = mse_floor(self.radiance, self.error_bound, mask)
         if eight_bit:
             # Rounding to 1/255, where a channel is not simply black or white.
             shown = (self.radiance[mask] > 0) & (self.radiance[mask] < 1)
@@ -151,10 +150,19 @@ class _Truth:
         return squared
 
 
-class _Bench:
+def mse_floor(radiance: np.ndarray, error_bound: np.ndarray, mask: np.ndarray) -> float:
+    """MSE that float32 and the truth's own error may account for.
+
+    radiance (H, W, 3), error_bound (H, W): of the truth; mask: (H, W) bool, a region.
+    """
+    rounding = ROUNDING * float(radiance.max())
+    return float(np.mean((error_bound[mask] + rounding) ** 2))
+
+
+class _SolvedScene:
     """A study's scene and truths, read and solved once."""
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: ConvergenceStudy) -> None:
         self.study = study
         self.scene: Scene = read_scene(study.scene_file)
         self.reference: Image | None = None
@@ -243,7 +251,7 @@ def _read_reference(file: Path, scene: Scene) -> Image:
     return reference
 
 
-def _check_curve(curve: Curve, bench: _Bench, study: Study) -> None:
+def _check_curve(curve: Curve, solved: _SolvedScene, study: ConvergenceStudy) -> None:
     label, takes = curve.renderer.label, curve.renderer.placeholders
     if [c.renderer.label for c in study.curves].count(label) > 1:
         raise ConvergenceError(f"two renderers are labelled {label}: set --label")
@@ -251,10 +259,10 @@ def _check_curve(curve: Curve, bench: _Bench, study: Study) -> None:
         raise ConvergenceError("--seeds must be 1 or more")
     if max(curve.pixel_samples) > 1 and "pixel_samples" not in takes:
         raise ConvergenceError(f"{label}: --pixel-samples needs {{pixel_samples}} in the command")
-    own_size = (bench.width, bench.height) == (bench.scene.width, bench.scene.height)
+    own_size = (solved.width, solved.height) == (solved.scene.width, solved.scene.height)
     if not own_size and not {"width", "height"} <= takes:
         raise ConvergenceError(
-            f"{label}: to render {bench.width}x{bench.height} the command needs {{width}} and "
+            f"{label}: to render {solved.width}x{solved.height} the command needs {{width}} and "
             "{height}"
         )
     if not curve.pairs(study.max_shadow_rays):
@@ -274,23 +282,23 @@ class _Measured:
     """{"seconds", "clock", "software", "regions": {region: {measure: number or None}}}"""
 
 
-def _jobs(curve: Curve, bench: _Bench) -> list[Job]:
+def _jobs(curve: Curve, solved: _SolvedScene) -> list[Job]:
     """Seeds 1, 2, 3, ...: small, since some renderers take them as a C int."""
-    study = bench.study
+    study = solved.study
     pairs = curve.pairs(study.max_shadow_rays)
     images = [(m, n) for m, n in pairs for _ in range(study.seeds)]
     return [
-        Job(study.scene_file, bench.width, bench.height, n, m, seed)
+        Job(study.scene_file, solved.width, solved.height, n, m, seed)
         for seed, (m, n) in enumerate(images, start=1)
     ]
 
 
 def _measure_curve(
-    curve: Curve, bench: _Bench, fingerprint: str, journal: Journal, scratch: Path
+    curve: Curve, solved: _SolvedScene, fingerprint: str, journal: Journal, scratch: Path
 ) -> list[_Measured]:
     """Every image of a curve: from the journal, or rendered now."""
     renderer = curve.renderer
-    jobs = _jobs(curve, bench)
+    jobs = _jobs(curve, solved)
     keys = {job: f"{fingerprint} {job.name}" for job in jobs}
     missing = [job for job in jobs if journal.get(keys[job]) is None]
     with tqdm(
@@ -304,11 +312,11 @@ def _measure_curve(
     ) as bar:
         for job, file, seconds in renderer.render(missing, scratch):
             try:
-                values = _measure(job, file, seconds, bench)
+                values = _measure(job, file, seconds, solved)
             except ImageError as error:
                 raise RendererError(f"{renderer.label}: {error}") from error
             journal.append(keys[job], values)
-            _put_away(file, bench.study)
+            _put_away(file, solved.study)
             bar.update(_work(job))
     return [
         _Measured(job.light_samples, job.pixel_samples, job.seed, journal.get(keys[job]) or {})
@@ -320,7 +328,7 @@ def _work(job: Job) -> int:
     return job.light_samples * job.pixel_samples
 
 
-def _put_away(image: Path, study: Study) -> None:
+def _put_away(image: Path, study: ConvergenceStudy) -> None:
     if study.keep_images:
         folder = study.file("_images")
         folder.mkdir(exist_ok=True)
@@ -329,18 +337,18 @@ def _put_away(image: Path, study: Study) -> None:
         image.unlink()
 
 
-def _measure(job: Job, file: Path, wall_seconds: float, bench: _Bench) -> dict[str, Any]:
+def _measure(job: Job, file: Path, wall_seconds: float, solved: _SolvedScene) -> dict[str, Any]:
     """Measures of one image by region.
 
     Time is the header's renderSeconds where the image has it, else the command's wall time.
     An 8-bit image (v + 1/2) / 255 is measured against the truth within what it can say.
     """
     image = read_image(file)
-    if image.shape != (bench.height, bench.width):
+    if image.shape != (solved.height, solved.width):
         raise ImageError(
-            f"{file.name}: is {image.shape[1]}x{image.shape[0]}, not {bench.width}x{bench.height}"
+            f"{file.name}: is {image.shape[1]}x{image.shape[0]}, not {solved.width}x{solved.height}"
         )
-    truth = bench.truth(job.pixel_samples)
+    truth = solved.truth(job.pixel_samples)
     radiance = truth.radiance
     if file.suffix in EIGHT_BIT:
         radiance = np.where(radiance >= 1, 255.5 / 255, np.maximum(radiance, 0.5 / 255))
@@ -351,8 +359,8 @@ def _measure(job: Job, file: Path, wall_seconds: float, bench: _Bench) -> dict[s
             for name in MEASURES
         }
         values["pixels"] = int(mask.sum())
-        if bench.reference is not None and job.pixel_samples == 1:
-            values |= _measure_against_cycles(image, bench, region)
+        if solved.reference is not None and job.pixel_samples == 1:
+            values |= _measure_against_cycles(image, solved, region)
         regions[region] = values
     return {
         "seconds": float(image.attributes.get("renderSeconds", wall_seconds)),
@@ -362,12 +370,14 @@ def _measure(job: Job, file: Path, wall_seconds: float, bench: _Bench) -> dict[s
     }
 
 
-def _measure_against_cycles(image: Image, bench: _Bench, region: str) -> dict[str, float | None]:
+def _measure_against_cycles(
+    image: Image, solved: _SolvedScene, region: str
+) -> dict[str, float | None]:
     """E[(image - reference)^2] is the image's own MSE plus the reference's variance."""
-    assert bench.reference is not None
-    mask = bench.centre.regions[region]
-    reference = bench.reference.radiance
-    noise, _ = bench.reference_noise(region)
+    assert solved.reference is not None
+    mask = solved.centre.regions[region]
+    reference = solved.reference.radiance
+    noise, _ = solved.reference_noise(region)
     mse = metrics.mse(image.radiance, reference, mask) - noise
     square = float(np.mean(reference[mask] ** 2))
     relative = math.sqrt(mse / square) if mse >= 0 and square > 0 else None
@@ -379,17 +389,17 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _rows(bench: _Bench, curve: Curve, images: Iterable[_Measured]) -> list[dict[str, Any]]:
+def _rows(solved: _SolvedScene, curve: Curve, images: Iterable[_Measured]) -> list[dict[str, Any]]:
     """The tidy table, one row an image and region."""
     rows = []
     for image in images:
         for region, values in image.values["regions"].items():
             rows.append(
                 {
-                    "scene": bench.scene.name,
+                    "scene": solved.scene.name,
                     "renderer": curve.renderer.label,
-                    "width": bench.width,
-                    "height": bench.height,
+                    "width": solved.width,
+                    "height": solved.height,
                     "light_samples": image.light_samples,
                     "pixel_samples": image.pixel_samples,
                     "seed": image.seed,
@@ -409,12 +419,12 @@ def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _summary(
-    bench: _Bench,
+    solved: _SolvedScene,
     rows: Sequence[dict[str, Any]],
     measured: Sequence[tuple[Curve, list[_Measured]]],
 ) -> dict[str, Any]:
     """What <out>.json holds: provenance, slopes, and the curves with their intervals."""
-    study = bench.study
+    study = solved.study
     renderers = {
         curve.renderer.label: {
             "command": curve.renderer.command,
@@ -423,12 +433,12 @@ def _summary(
         }
         for curve, images in measured
     }
-    fits = _Fits(bench, rows)
+    fits = _Fits(solved, rows)
     return {
-        "scene": bench.scene.name,
-        "scene_hash": bench.scene.hash,
-        "width": bench.width,
-        "height": bench.height,
+        "scene": solved.scene.name,
+        "scene_hash": solved.scene.hash,
+        "width": solved.width,
+        "height": solved.height,
         "seeds": study.seeds,
         "pixel_grid": study.pixel_grid,
         "reference": None if study.reference is None else str(study.reference),
@@ -445,14 +455,14 @@ def _summary(
 class _Fits:
     """Slopes and curves of every (renderer, pixel samples, region, truth)."""
 
-    def __init__(self, bench: _Bench, rows: Sequence[dict[str, Any]]) -> None:
-        self.bench = bench
+    def __init__(self, solved: _SolvedScene, rows: Sequence[dict[str, Any]]) -> None:
+        self.solved = solved
         self.slopes: list[dict[str, Any]] = []
         self.without_slope: list[dict[str, Any]] = []
         self.curves: list[dict[str, Any]] = []
         eight_bit = {
             curve.renderer.label
-            for curve in bench.study.curves
+            for curve in solved.study.curves
             if curve.renderer.suffix in EIGHT_BIT
         }
         groups: dict[tuple[str, int, str], list[dict[str, Any]]] = {}
@@ -461,11 +471,11 @@ class _Fits:
             groups.setdefault(key, []).append(row)
         for (renderer, pixel_samples, region), group in groups.items():
             name = {"renderer": renderer, "pixel_samples": pixel_samples, "region": region}
-            truth = bench.truth(pixel_samples)
+            truth = solved.truth(pixel_samples)
             floor = FLOOR * truth.region_floor(region, renderer in eight_bit)
             self._fit(name | {"against": "exact"}, group, "mse", floor=floor)
             if "mse_against_cycles" in group[0]:
-                _, error = bench.reference_noise(region)
+                _, error = solved.reference_noise(region)
                 self._fit(name | {"against": "cycles"}, group, "mse_against_cycles", error)
 
     def _fit(
@@ -518,11 +528,11 @@ class _Fits:
         )
 
     def _mean_square(self, name: dict[str, Any]) -> float:
-        truth = self.bench.truth(name["pixel_samples"])
+        truth = self.solved.truth(name["pixel_samples"])
         radiance = truth.radiance
         if name["against"] == "cycles":
-            assert self.bench.reference is not None
-            radiance = self.bench.reference.radiance
+            assert self.solved.reference is not None
+            radiance = self.solved.reference.radiance
         return float(np.mean(radiance[truth.regions[name["region"]]] ** 2))
 
 
@@ -553,7 +563,7 @@ def _slope_entry(slope: Slope, light_samples: np.ndarray) -> dict[str, Any]:
 
 
 @contextmanager
-def _scratch(study: Study) -> Iterator[Path]:
+def _scratch(study: ConvergenceStudy) -> Iterator[Path]:
     """A folder for images beside the output, of this run alone.
 
     Those that killed runs left behind are removed: the journal's lock says that none is alive.

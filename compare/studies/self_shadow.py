@@ -54,7 +54,7 @@ void self_shadow(const {real} *spheres, int nb_spheres, const {real} *planes, in
 
 
 @dataclass(frozen=True)
-class Study:
+class AimedScene:
     """A scene of spheres, planes and one quad light, and where its camera rays aim."""
 
     name: str
@@ -90,7 +90,7 @@ class Study:
         """Whether its smallest length (a radius, a side of the light) is at least one unit in the
         last place of the translated coordinates: else there is no such scene any more.
 
-        >>> ball = studies()[4]
+        >>> ball = aimed_scenes()[4]
         >>> ball.name, [ball.is_representable("float32", t, 1.0) for t in (1e5, 1e6)]
         ('small', [True, False])
         """
@@ -120,7 +120,7 @@ CONTACT_AIMS = (
 """into the crevice between a ball of radius 1 and the floor below it, and at the floor around it"""
 
 
-def studies(lab: Scene | None = None) -> tuple[Study, ...]:
+def aimed_scenes(lab: Scene | None = None) -> tuple[AimedScene, ...]:
     """The lab's scene as it is, and six that provoke, turned so that no coordinate is luckily
     exact. Lengths are in units that the scale multiplies."""
     return (
@@ -182,14 +182,14 @@ def studies(lab: Scene | None = None) -> tuple[Study, ...]:
     )
 
 
-def _lab(scene: Scene) -> Study:
+def _lab(scene: Scene) -> AimedScene:
     """Its aims are the camera's image, one unit ahead."""
     c, light = scene.camera, scene.quad_lights[0]
     half = np.tan(np.radians(c.fov_y_deg) / 2)
     right = np.array(c.right) * half * scene.width / scene.height
     up = np.array(c.up) * half
     corner = np.array(c.position) + np.array(c.forward) - right - up
-    return Study(
+    return AimedScene(
         scene.name,
         "the lab's scene",
         np.array([(*s.center, s.radius) for s in scene.spheres]),
@@ -208,11 +208,11 @@ def _turned(
     quad: Sequence[Sequence[float]],
     camera: Sequence[float],
     aims: ArrayLike,
-) -> Study:
+) -> AimedScene:
     """floor: the plane y = 0 before turning."""
     turn = _turn()
     balls, sheets = np.array(spheres, dtype=float), np.asarray(aims, dtype=float)
-    return Study(
+    return AimedScene(
         name,
         text,
         np.column_stack([balls[:, :3] @ turn.T, balls[:, 3]]),
@@ -236,14 +236,14 @@ def _turn() -> np.ndarray:
 
 
 def answers(
-    study: Study, precision: str, translation: float, scale: float, count: int, seed: int
+    scene: AimedScene, precision: str, translation: float, scale: float, count: int, seed: int
 ) -> np.ndarray:
     """(count, 6) of NOT_SENT, VISIBLE, OWN, OTHER: the truth, then JUDGED, for each ray.
 
     Raises MissingProgramError.
     """
-    spheres, planes, quad, camera = study.stored(precision, translation, scale)
-    rays = study.rays(precision, count, seed)
+    spheres, planes, quad, camera = scene.stored(precision, translation, scale)
+    rays = scene.rays(precision, count, seed)
     ffi, library = _library(precision)
     result = np.zeros((count, 1 + len(JUDGED)), dtype=np.int8)
     real = "double *" if precision == "float64" else "float *"
@@ -339,15 +339,15 @@ def self_shadow_map(
     Raises MissingProgramError.
     """
     rows: list[dict[str, Any]] = []
-    scenes = studies()
+    scenes = aimed_scenes()
     cells = list(itertools.product(precisions, translations, scales))
     for precision, translation, scale in tqdm(cells, desc="self-shadow", disable=None):
         where = {"precision": precision, "translation": translation, "scale": scale}
         one = [
-            row | where | {"scene": study.name}
-            for study in scenes
-            if study.is_representable(precision, translation, scale)
-            for row in mistakes(answers(study, precision, translation, scale, rays, seed))
+            row | where | {"scene": scene.name}
+            for scene in scenes
+            if scene.is_representable(precision, translation, scale)
+            for row in mistakes(answers(scene, precision, translation, scale, rays, seed))
         ]
         rows += one
         if one:
@@ -418,7 +418,7 @@ def write_map(out: Path, rays: int = RAYS) -> dict[str, Any]:
         "confidence": CONFIDENCE,
         "translations": TRANSLATIONS,
         "scales": SCALES,
-        "scenes": {study.name: study.text for study in studies()},
+        "scenes": {scene.name: scene.text for scene in aimed_scenes()},
         "verdict": verdict(rows),
         "command": provenance.command_line(),
         "machine": provenance.machine(),

@@ -17,7 +17,6 @@ from scipy import stats
 from tqdm import tqdm
 
 from compare.exact import image as exact
-from compare.measure.agreement import ROUNDING
 from compare.measure.image import Image, read_image, write_exr
 from compare.measure.slope import fit_slope, rmse_interval
 from compare.run import provenance
@@ -25,7 +24,7 @@ from compare.run.library import Setting, WarmRenderer
 from compare.run.renderers import Job, Renderer
 from compare.scene import Scene, read_scene
 from compare.studies import choice
-from compare.studies.convergence import FLOOR
+from compare.studies.convergence import FLOOR, mse_floor
 
 LIGHT_SAMPLES = tuple(2**i for i in range(15))
 """1 to 16384, as far as MAX_SECONDS lets each method go"""
@@ -80,7 +79,7 @@ class TradeError(ValueError):
 
 
 @dataclass(frozen=True)
-class Study:
+class TradeStudy:
     """All that decides a trade study."""
 
     scene_file: Path
@@ -104,7 +103,7 @@ class Study:
         return self.out.with_name(self.out.name + suffix)
 
 
-def trade(study: Study) -> dict[str, Any]:
+def trade(study: TradeStudy) -> dict[str, Any]:
     """Measure, choose, try the choice elsewhere; write <out>.csv and <out>.json; return what
     the JSON holds.
 
@@ -123,43 +122,43 @@ def trade(study: Study) -> dict[str, Any]:
     if study.cycles is not None:
         study.cycles.fingerprint()  # says at once if Blender is missing
     threads = tuple(sorted(set(study.threads) or {1, provenance.cores()}))
-    bench = _Bench(study, study.scene_file)
-    frames = _frames(bench, _grid(bench, threads, study.max_seconds, FEWEST))
+    measured = _MeasuredScene(study, study.scene_file)
+    frames = _frames(measured, _grid(measured, threads, study.max_seconds, FEWEST))
     if study.cycles is not None:
-        frames += _cycles_frames(bench, study.cycles)
-    rows = summary(bench, frames)
-    answers = [choice.answer(rows, r, t) for r in bench.masks for t in study.targets]
+        frames += _cycles_frames(measured, study.cycles)
+    rows = summary(measured, frames)
+    answers = [choice.answer(rows, r, t) for r in measured.masks for t in study.targets]
     trials = [t for file in study.verify for t in _trials(study, file, answers, threads[-1])]
     result = {
-        "scene": bench.scene.name,
-        "scene_hash": bench.scene.hash,
-        "width": bench.width,
-        "height": bench.height,
+        "scene": measured.scene.name,
+        "scene_hash": measured.scene.hash,
+        "width": measured.width,
+        "height": measured.height,
         "seeds": study.seeds,
         "confidence": CONFIDENCE,
         "clock": CLOCK,
         "max_seconds": study.max_seconds,
-        "regions": list(bench.masks),
+        "regions": list(measured.masks),
         "targets": list(study.targets),
         "command": provenance.command_line(),
         "machine": provenance.machine(),
         "versions": provenance.versions(),
         "rows": rows,
-        "slopes": slopes(bench, frames),
+        "slopes": slopes(measured, frames),
         "answers": answers,
         "trials": trials,
         "verdict": choice.verdict_text(trials),
-        "strips": _strips(bench, rows, threads[-1]) if study.keep_images else {},
+        "strips": _strips(measured, rows, threads[-1]) if study.keep_images else {},
     }
-    provenance.write_whole(study.file(".csv"), lambda part: _write_csv(part, bench, frames))
+    provenance.write_whole(study.file(".csv"), lambda part: _write_csv(part, measured, frames))
     provenance.write_json(study.file(".json"), result)
     return result
 
 
-class _Bench:
+class _MeasuredScene:
     """A scene, its truth by region, and the renderer, made once."""
 
-    def __init__(self, study: Study, scene_file: Path) -> None:
+    def __init__(self, study: TradeStudy, scene_file: Path) -> None:
         self.study, self.scene_file = study, scene_file
         self.scene: Scene = read_scene(scene_file)
         self.width = study.width or self.scene.width
@@ -205,8 +204,7 @@ class _Bench:
 
     def floor(self, region: str) -> float:
         """MSE that float32 and the truth's own error may account for."""
-        rounding = ROUNDING * float(self.truth.radiance.max())
-        return float(np.mean((self.truth.error_bound[self.masks[region]] + rounding) ** 2))
+        return mse_floor(self.truth.radiance, self.truth.error_bound, self.masks[region])
 
     def _means(self, planes: np.ndarray) -> dict[str, float]:
         square = np.square(planes, dtype=np.float64).sum(axis=0).ravel()
@@ -224,20 +222,22 @@ class Frame:
     mse: dict[str, float] = field(repr=False)
 
 
-def _grid(bench: _Bench, threads: Sequence[int], most: float, fewest: int) -> list[list[Setting]]:
+def _grid(
+    measured: _MeasuredScene, threads: Sequence[int], most: float, fewest: int
+) -> list[list[Setting]]:
     """For each image its settings, which differ in threads alone, the most threads first.
 
     Each method's N grow, from the `fewest` first ones on until a frame on the most threads takes
     longer than `most` seconds.
     """
-    renderer, always = bench.renderer, sorted(bench.study.light_samples)[:fewest]
+    renderer, always = measured.renderer, sorted(measured.study.light_samples)[:fewest]
     images: list[Setting] = []
     for estimator in filter(renderer.can, renderer.estimators):
         if not renderer.uses_samples(estimator):
             images.append(Setting(None, estimator, None, threads[-1]))
             continue
         for sampler in renderer.samplers[: 1 if estimator == TEXTBOOK else None]:
-            for n in bench.study.light_samples:
+            for n in measured.study.light_samples:
                 setting = Setting(sampler, estimator, n, threads[-1])
                 tries = (renderer.render(setting, 0) for _ in range(TRIES))
                 if n not in always and not any(seconds <= most for seconds in tries):
@@ -246,17 +246,17 @@ def _grid(bench: _Bench, threads: Sequence[int], most: float, fewest: int) -> li
     return [[replace(s, threads=t) for t in reversed(threads)] for s in images]
 
 
-def _frames(bench: _Bench, grid: Sequence[Sequence[Setting]]) -> list[Frame]:
+def _frames(measured: _MeasuredScene, grid: Sequence[Sequence[Setting]]) -> list[Frame]:
     """Every setting for every seed, in the grid's order. No two images share a seed."""
     random = np.random.default_rng(0)
-    turns = [(k, i) for k in range(bench.study.seeds) for i in random.permutation(len(grid))]
+    turns = [(k, i) for k in range(measured.study.seeds) for i in random.permutation(len(grid))]
     frames: list[list[Frame]] = [[] for _ in grid]
-    for k, i in tqdm(turns, desc=bench.scene.name, unit="image", disable=None, file=sys.stderr):
+    for k, i in tqdm(turns, desc=measured.scene.name, unit="image", disable=None, file=sys.stderr):
         seed = k * len(grid) + int(i) + 1
         mse: dict[str, float] = {}
         for setting in grid[i]:
-            seconds = _timed(bench.renderer, setting, seed)
-            mse = mse or bench.mse(bench.renderer.radiance)
+            seconds = _timed(measured.renderer, setting, seed)
+            mse = mse or measured.mse(measured.renderer.radiance)
             frames[i].append(Frame("penumbra", setting, seed, seconds, mse))
     return [frame for group in frames for frame in group]
 
@@ -269,18 +269,18 @@ def _timed(renderer: WarmRenderer, setting: Setting, seed: int) -> float:
     return float(np.median([renderer.render(setting, seed) for _ in range(BURST)]))
 
 
-def _cycles_frames(bench: _Bench, cycles: Renderer) -> list[Frame]:
+def _cycles_frames(measured: _MeasuredScene, cycles: Renderer) -> list[Frame]:
     """Cycles' own render seconds, in one process too, on every core."""
     jobs = [
-        Job(bench.scene_file, bench.width, bench.height, n, 1, seed)
-        for seed, n in enumerate(bench.study.cycles_light_samples * CYCLES_SEEDS, start=1)
+        Job(measured.scene_file, measured.width, measured.height, n, 1, seed)
+        for seed, n in enumerate(measured.study.cycles_light_samples * CYCLES_SEEDS, start=1)
     ]
     frames = []
     with tempfile.TemporaryDirectory() as folder:
         rendered = cycles.render(jobs, Path(folder))
         bar = tqdm(rendered, desc="cycles", total=len(jobs), disable=None, file=sys.stderr)
         for job, file, seconds in bar:
-            mse = bench.mse(read_image(file).radiance.transpose(2, 0, 1))
+            mse = measured.mse(read_image(file).radiance.transpose(2, 0, 1))
             setting = Setting(None, "", job.light_samples, provenance.cores())
             frames.append(Frame("cycles", setting, job.seed, seconds, mse))
             file.unlink()
@@ -308,7 +308,7 @@ def median_interval(
     return float(np.median(ordered)), float(ordered[j - 1]), float(ordered[n - j])
 
 
-def summary(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
+def summary(measured: _MeasuredScene, frames: Sequence[Frame]) -> list[dict[str, Any]]:
     """A row for each setting and region: error, time and efficiency with their intervals.
 
     efficiency = 1 / (relative MSE x seconds) [1/s]: of two unbiased methods whose variance
@@ -320,7 +320,7 @@ def summary(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for (renderer, setting), group in _groups(frames).items():
         seconds, fastest, slowest = median_interval([f.seconds for f in group])
-        for region, square in bench.mean_square.items():
+        for region, square in measured.mean_square.items():
             error, low, high = _error([f.mse[region] / square for f in group])
             work = [
                 None if e == 0 else 1 / (e**2 * t)
@@ -334,7 +334,7 @@ def summary(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
                     "light_samples": setting.light_samples,
                     "threads": setting.threads,
                     "region": region,
-                    "pixels": int(bench.masks[region].sum()),
+                    "pixels": int(measured.masks[region].sum()),
                     "relative_rmse": error,
                     "low": low,
                     "high": high,
@@ -372,7 +372,7 @@ def _groups(frames: Sequence[Frame]) -> dict[tuple[str, Setting], list[Frame]]:
     return groups
 
 
-def slopes(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
+def slopes(measured: _MeasuredScene, frames: Sequence[Frame]) -> list[dict[str, Any]]:
     """Of every method and region: the fitted slope, its interval, and what theory says.
 
     slope is None where there are fewer than three N from SLOPE_FROM on with an error above
@@ -385,7 +385,7 @@ def slopes(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
         methods.setdefault((renderer, s.sampler, s.estimator), {})[s.light_samples] = group
     found = []
     for (renderer, sampler, estimator), by_n in methods.items():
-        for region in bench.masks:
+        for region in measured.masks:
             entry = {
                 "renderer": renderer,
                 "sampler": sampler,
@@ -394,7 +394,7 @@ def slopes(bench: _Bench, frames: Sequence[Frame]) -> list[dict[str, Any]]:
                 "theory": THEORY.get(sampler or "", {}).get(region),
                 "confidence": CONFIDENCE,
             }
-            found.append(entry | _fit(by_n, region, FLOOR * bench.floor(region)))
+            found.append(entry | _fit(by_n, region, FLOOR * measured.floor(region)))
     return found
 
 
@@ -422,18 +422,18 @@ def _fit(by_n: dict[int | None, list[Frame]], region: str, floor: float) -> dict
 
 
 def _trials(
-    study: Study, scene_file: Path, answers: Sequence[dict[str, Any]], threads: int
+    study: TradeStudy, scene_file: Path, answers: Sequence[dict[str, Any]], threads: int
 ) -> list[dict[str, Any]]:
     """Every answer whose region this scene has, against everything measured here."""
-    bench = _Bench(study, scene_file)
-    answers = [a for a in answers if a["region"] in bench.masks]
-    grid = _grid(bench, (threads,), study.max_seconds / 2, fewest=1)
+    measured = _MeasuredScene(study, scene_file)
+    answers = [a for a in answers if a["region"] in measured.masks]
+    grid = _grid(measured, (threads,), study.max_seconds / 2, fewest=1)
     chosen = {_setting(a["choice"]) for a in answers if a["choice"]}
     known = {setting for settings in grid for setting in settings}
-    more = (s for s in chosen - known if bench.renderer.can(s.estimator))
+    more = (s for s in chosen - known if measured.renderer.can(s.estimator))
     grid += [[setting] for setting in sorted(more, key=str)]
-    rows = summary(bench, _frames(bench, grid))
-    return [choice.trial(answer, rows, bench.scene.name) for answer in answers]
+    rows = summary(measured, _frames(measured, grid))
+    return [choice.trial(answer, rows, measured.scene.name) for answer in answers]
 
 
 def _setting(row: dict[str, Any]) -> Setting:
@@ -443,7 +443,7 @@ def _setting(row: dict[str, Any]) -> Setting:
 # Files
 
 
-def _write_csv(file: Path, bench: _Bench, frames: Sequence[Frame]) -> None:
+def _write_csv(file: Path, measured: _MeasuredScene, frames: Sequence[Frame]) -> None:
     """A row a frame and region."""
     with file.open("w", newline="") as stream:
         writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
@@ -452,7 +452,7 @@ def _write_csv(file: Path, bench: _Bench, frames: Sequence[Frame]) -> None:
             for region, mse in f.mse.items():
                 writer.writerow(
                     {
-                        "scene": bench.scene.name,
+                        "scene": measured.scene.name,
                         "renderer": f.renderer,
                         "sampler": f.setting.sampler or "",
                         "estimator": f.setting.estimator,
@@ -460,23 +460,23 @@ def _write_csv(file: Path, bench: _Bench, frames: Sequence[Frame]) -> None:
                         "threads": f.setting.threads,
                         "seed": f.seed,
                         "region": region,
-                        "pixels": int(bench.masks[region].sum()),
+                        "pixels": int(measured.masks[region].sum()),
                         "seconds": f.seconds,
                         "mse": mse,
-                        "relative_rmse": math.sqrt(mse / bench.mean_square[region]),
+                        "relative_rmse": math.sqrt(mse / measured.mean_square[region]),
                     }
                 )
 
 
 def _strips(
-    bench: _Bench, rows: Sequence[dict[str, Any]], threads: int
+    measured: _MeasuredScene, rows: Sequence[dict[str, Any]], threads: int
 ) -> dict[str, list[dict[str, Any]]]:
     """Images of every method at one time and at one error, written to <out>_images/.
 
     equal_time: the most light samples within STRIP_SECONDS; equal_error: the fewest with an
     error of at most STRIP_ERROR in the penumbra. A method that has none is left out.
     """
-    region = EDGE if EDGE in bench.masks else "all"
+    region = EDGE if EDGE in measured.masks else "all"
     methods: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in rows:
         if (row["renderer"], row["threads"], row["region"]) == ("penumbra", threads, region):
@@ -488,20 +488,20 @@ def _strips(
         fine = [row for row in group if row["relative_rmse"] <= STRIP_ERROR]
         picks["equal_time"] += quick[-1:]
         picks["equal_error"] += fine[:1]
-    shown = {name: [_keep(bench, name, row) for row in rows] for name, rows in picks.items()}
-    _sweep(bench.study, {entry["file"] for strip in shown.values() for entry in strip})
+    shown = {name: [_keep(measured, name, row) for row in rows] for name, rows in picks.items()}
+    _sweep(measured.study, {entry["file"] for strip in shown.values() for entry in strip})
     return shown
 
 
-def _keep(bench: _Bench, strip: str, row: dict[str, Any]) -> dict[str, Any]:
+def _keep(measured: _MeasuredScene, strip: str, row: dict[str, Any]) -> dict[str, Any]:
     setting, seed = _setting(row), 1
-    bench.renderer.render(setting, seed)
+    measured.renderer.render(setting, seed)
     words = [w for w in (strip, setting.sampler, setting.estimator) if w]
-    folder = bench.study.file("_images")
+    folder = measured.study.file("_images")
     file = folder / f"{'_'.join(words)}.exr"
     attributes: dict[str, str | int | float] = {
-        "sceneName": bench.scene.name,
-        "sceneHash": bench.scene.hash,
+        "sceneName": measured.scene.name,
+        "sceneHash": measured.scene.hash,
         "lightSamples": setting.light_samples or 0,
         "pixelSamples": 1,
         "threads": setting.threads,
@@ -512,14 +512,14 @@ def _keep(bench: _Bench, strip: str, row: dict[str, Any]) -> dict[str, Any]:
         "renderSeconds": float(row["seconds"]),
     }
     folder.mkdir(parents=True, exist_ok=True)
-    write_exr(file, Image(bench.renderer.radiance.transpose(1, 2, 0).astype(np.float64), None,
+    write_exr(file, Image(measured.renderer.radiance.transpose(1, 2, 0).astype(np.float64), None,
                           attributes))  # fmt: skip
     keys = ("sampler", "estimator", "light_samples", "threads", "region", "seconds",
             "relative_rmse")  # fmt: skip
     return {"file": f"{folder.name}/{file.name}", **{k: row[k] for k in keys}}
 
 
-def _sweep(study: Study, kept: set[str]) -> None:
+def _sweep(study: TradeStudy, kept: set[str]) -> None:
     """Remove images of an earlier run that this one has not made."""
     folder = study.file("_images")
     for file in folder.glob("equal_*.exr"):

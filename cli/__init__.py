@@ -1,0 +1,1 @@
+"""The subcommands of penumbra: one file each, its arguments beside its run."""

@@ -1,0 +1,108 @@
+"""Arguments: their types, and those that several subcommands take."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+
+
+def sample_counts(text: str) -> tuple[int, ...]:
+    """
+    >>> sample_counts("1..16")
+    (1, 2, 4, 8, 16)
+    >>> sample_counts("64,4,16")
+    (4, 16, 64)
+    """
+    try:
+        if ".." in text:
+            first, last = (int(end) for end in text.split(".."))
+            if not 1 <= first <= last:
+                raise ValueError
+            return tuple(first << i for i in range((last // first).bit_length()))
+        counts = sorted({int(word) for word in text.split(",")})
+        if counts[0] < 1:
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'"{text}" is neither a list like 1,4,16 nor doublings like 1..4096'
+        ) from None
+    return tuple(counts)
+
+
+def positive(text: str) -> int:
+    value = int(text) if text.strip().isdecimal() else 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f'"{text}" is not a whole number of 1 or more')
+    return value
+
+
+def natural(text: str) -> int:
+    return 0 if text.strip() == "0" else positive(text)
+
+
+def seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f'"{text}" is not a number of seconds above 0')
+    return value
+
+
+def errors(text: str) -> tuple[float, ...]:
+    """
+    >>> errors("3,0.1")
+    (0.03, 0.001)
+    """
+    try:
+        values = sorted({float(word) / 100 for word in text.split(",")}, reverse=True)
+    except ValueError:
+        values = [0.0]
+    if not all(0 < value < 1 for value in values):
+        raise argparse.ArgumentTypeError(f'"{text}" is not a list of percentages like 3,1,0.3')
+    return tuple(values)
+
+
+def help_format(prog: str) -> argparse.HelpFormatter:
+    return argparse.RawDescriptionHelpFormatter(prog, max_help_position=28)
+
+
+def add_subcommand(
+    subcommands: Subcommands,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    text: str,
+    example: str,
+    kept: Callable[[argparse.Namespace], str] = lambda options: "",
+) -> argparse.ArgumentParser:
+    """The subcommand's parser, to add arguments to.
+
+    run: does it; the exit code. kept: what to say of its results when it is stopped.
+    """
+    parser = subcommands.add_parser(
+        name,
+        help=text.partition(".")[0],
+        description=text,
+        epilog=f"example: {example}",
+        formatter_class=help_format,
+    )
+    parser.set_defaults(run=run, kept=kept)
+    return parser
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file, scenes/*.json")
+
+
+def add_out(parser: argparse.ArgumentParser, metavar: str) -> None:
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar=metavar)
+
+
+def add_size(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument("--width", type=positive, metavar="W", help=f"pixels [{default}]")
+    parser.add_argument("--height", type=positive, metavar="H", help="pixels, with --width")

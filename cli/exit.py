@@ -1,0 +1,11 @@
+"""Exit codes."""
+
+from __future__ import annotations
+
+PASS, FAIL, USAGE, MISSING, SIGNALLED = 0, 1, 2, 3, 128
+"""Done; a check failed; wrong usage, bad input or unwritable output; a program or library is
+missing; SIGNALLED + n: ended by signal n, as a shell says it (130 is Ctrl-C)."""
+
+
+class UsageError(ValueError):
+    """Options that do not go together; the text says which."""

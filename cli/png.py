@@ -1,0 +1,28 @@
+"""Saves an image as the lab does."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from cli.arguments import Subcommands, add_out, add_subcommand
+from cli.exit import PASS
+
+
+def add(subcommands: Subcommands) -> None:
+    parser = add_subcommand(
+        subcommands,
+        "png",
+        run,
+        "Save an image as the lab does: clamped to [0, 1], times 255, no gamma.",
+        "penumbra png build/images/tp3.exr -o tp3.png",
+    )
+    parser.add_argument("image", type=Path, metavar="IMAGE", help=".exr, .pfm, .png or .jpg")
+    add_out(parser, "OUT.png")
+
+
+def run(options: argparse.Namespace) -> int:
+    from compare.measure.image import read_image, write_display
+
+    write_display(options.out, read_image(options.image).radiance)
+    return PASS
