@@ -78,10 +78,10 @@ bool output_find(const char *name, Output *output)
 
 bool output_begin(Output *output)
 {
-    output->stream =
-        output->target ? fopen(output->part, "wb") : open_memstream(&output->memory, &output->size);
-    if (output->stream && output->target)
-        setvbuf(output->stream, NULL, _IOFBF, BUFFER_SIZE);
+    output->stream = output->target ? fopen(output->part, "wb") : tmpfile();
+    output->buffer = malloc(BUFFER_SIZE);
+    if (output->stream && output->buffer)
+        setvbuf(output->stream, output->buffer, _IOFBF, BUFFER_SIZE);
     return output->stream;
 }
 
@@ -122,4 +122,5 @@ void output_free(Output *output)
 {
     free(output->target);
     free(output->part);
+    free(output->buffer);
 }

@@ -13,6 +13,7 @@ typedef struct {
     char *part;       /* with target: the unfinished file beside it */
     int descriptor;   /* without target: open already; -1: not yet */
     FILE *stream;     /* while it is written; without target a temporary file, which can seek */
+    char *buffer;     /* the stream's; NULL: slower */
 } Output;
 
 /* Finds out where a name leads; creates nothing. False with errno: it cannot be written to. */
