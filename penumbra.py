@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compare.run.output import PICTURES, named
 from compare.run.provenance import ROOT
 from compare.run.provenance import VERSION as __version__
 
@@ -158,7 +159,8 @@ def _exact(options: argparse.Namespace) -> int:
 
 def _compare(options: argparse.Namespace) -> int:
     from compare.measure.agreement import compare_files, format_metrics, format_rows
-    from compare.run.provenance import command_line, machine, versions, write_json
+    from compare.run.output import write_json
+    from compare.run.provenance import command_line, machine, versions
 
     result = compare_files(
         options.image, options.reference, options.scene, perceptual=options.perceptual
@@ -466,7 +468,7 @@ def _add_scene_commands(add: Any) -> None:
         lambda options: f"; the same command goes on from {options.out}.parts/",
     )
     _scene_argument(reference)
-    _out_argument(reference, "OUT.exr")
+    _out_argument(reference, "OUT.exr", ".exr")
     reference.add_argument(
         "--samples",
         type=positive,
@@ -490,7 +492,7 @@ def _add_scene_commands(add: Any) -> None:
         "penumbra exact scenes/tp3.json -o build/exact/tp3.exr",
     )
     _scene_argument(exact)
-    _out_argument(exact, "OUT.exr")
+    _out_argument(exact, "OUT.exr", ".exr")
     _size_arguments(exact, "the scene's")
     exact.add_argument(
         "--pixel-grid",
@@ -513,7 +515,9 @@ def _add_scene_commands(add: Any) -> None:
         "reference", metavar="REFERENCE", help="an image, or `exact` for the exact solution"
     )
     compare.add_argument("--scene", type=Path, required=True, help="scene file of both")
-    compare.add_argument("--json", type=Path, metavar="OUT", help="write the result as JSON too")
+    compare.add_argument(
+        "--json", type=named(".json"), metavar="OUT", help="write the result as JSON too"
+    )
     compare.add_argument(
         "--perceptual", action="store_true", help="HDR-FLIP and Delta E 2000 too (slow)"
     )
@@ -525,7 +529,7 @@ def _add_scene_commands(add: Any) -> None:
         "penumbra png build/images/tp3.exr -o tp3.png",
     )
     png.add_argument("image", type=Path, metavar="IMAGE", help=".exr, .pfm, .png or .jpg")
-    _out_argument(png, "OUT.png")
+    _out_argument(png, "OUT.png", *PICTURES)
 
 
 def _add_converge(add: Any) -> None:
@@ -638,7 +642,7 @@ def _add_speedup(add: Any) -> None:
         "penumbra speedup scenes/tp3.json -o build/speedup.csv --threads 1,2,4",
     )
     _scene_argument(sub)
-    _out_argument(sub, "OUT.csv")
+    _out_argument(sub, "OUT.csv", ".csv")
     sub.add_argument(
         "--threads",
         type=sample_counts,
@@ -780,7 +784,11 @@ def _add_report(add: Any) -> None:
         "--build", type=Path, default=Path("build"), metavar="DIR", help="the inputs [build]"
     )
     sub.add_argument(
-        "-o", "--out", type=Path, metavar="OUT.html", help="the page [DIR/report/index.html]"
+        "-o",
+        "--out",
+        type=named(".html"),
+        metavar="OUT.html",
+        help="the page [DIR/report/index.html]",
     )
 
 
@@ -792,8 +800,8 @@ def _scene_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file, scenes/*.json")
 
 
-def _out_argument(parser: argparse.ArgumentParser, metavar: str) -> None:
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar=metavar)
+def _out_argument(parser: argparse.ArgumentParser, metavar: str, *endings: str) -> None:
+    parser.add_argument("-o", "--out", type=named(*endings), required=True, metavar=metavar)
 
 
 def _size_arguments(parser: argparse.ArgumentParser, default: str) -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
-from compare.run.provenance import VERSION, write_whole
+from compare.run.output import write_whole
+from compare.run.provenance import VERSION
 from report import figures, pictures, results, self_shadow, speed, stability, trade
 from report.inputs import PIXEL_SAMPLES, Data, ReportError, read_inputs
 

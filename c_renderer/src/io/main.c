@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <unistd.h>
 
 #include <omp.h>
@@ -137,6 +138,23 @@ static int parse_name(const char *option, const char *text, const char *const *n
     exit(EXIT_BAD_INPUT);
 }
 
+/* A name that says that a file is something else, a picture above all, is a mistake. */
+static void check_name(const char *name)
+{
+    static const char *const OTHERS[] = {
+        ".png",  ".jpg",   ".jpeg", ".bmp",  ".gif",  ".hdr", ".pfm", ".ppm", ".tif", ".tiff",
+        ".webp", ".blend", ".csv",  ".html", ".json", ".npy", ".npz", ".pdf", ".svg", ".txt"};
+    const char *ending = strrchr(name, '.');
+    for (int i = 0; ending && i < COUNT(OTHERS); i++)
+        if (strcasecmp(ending, OTHERS[i]) == 0) {
+            fprintf(stderr,
+                    "penumbra-render: --output: \"%s\" does not end in .exr; for a picture of it: "
+                    "penumbra png OUT.exr -o OUT.png\n",
+                    name);
+            exit(EXIT_BAD_INPUT);
+        }
+}
+
 static Options parse_options(int argc, char **argv)
 {
     enum {
@@ -175,6 +193,7 @@ static Options parse_options(int argc, char **argv)
     while ((option = getopt_long(argc, argv, "o:", LONG, NULL)) != -1) {
         switch (option) {
         case 'o':
+            check_name(optarg);
             options.output = optarg;
             break;
         case LIGHT:
