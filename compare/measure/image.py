@@ -107,7 +107,7 @@ def write_exr(file: str | Path, image: Image) -> None:
         OpenEXR.File(header, channels).write(stream)
         write_whole(path, lambda part: part.write_bytes(stream.getbuffer()))
     except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
+        raise ImageError(f"{error.filename}: cannot be written: {error.strerror}") from error
     except RuntimeError as error:
         raise ImageError(f"{path}: cannot be written: {error}") from error
 
@@ -130,7 +130,7 @@ def write_display(file: str | Path, radiance: np.ndarray) -> None:
     try:
         write_whole(path, lambda part: picture.save(part, kind, quality=100, subsampling=0))
     except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
+        raise ImageError(f"{error.filename}: cannot be written: {error.strerror}") from error
 
 
 def _plane(values: np.ndarray, channel: int) -> np.ndarray:
