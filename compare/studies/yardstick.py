@@ -65,7 +65,7 @@ def contribution(
 ) -> Array:
     """(P, 3) f_r (L_e / pdf) cos V of one sample each; random: (P, 2)."""
     emitted = np.array(light["color"], Real) * Real(light["power"])
-    position = np.array(light["position"], Real)
+    position: Array = np.array(light["position"], Real)
     if is_quad:
         u, v = np.array(light["u"], Real), np.array(light["v"], Real)
         position = position + random[:, :1] * u + random[:, 1:] * v
