@@ -22,6 +22,7 @@ from bench.systems import NotBuilt, SystemFailed
 from blender_ref import CyclesError
 from compare.measure.image import ImageError
 from compare.run import provenance
+from compare.run.output import write_json, write_whole
 from compare.scene import SceneError, read_scene
 
 PEAK_COLUMNS = ("round", "threads", "fma_per_second", "divisions_per_second")
@@ -68,12 +69,10 @@ def _bench(options: argparse.Namespace) -> int:
         "command": provenance.command_line(),
     }
     out: Path = options.out
-    provenance.write_whole(
-        out / "frames.csv", lambda part: _write_csv(part, COLUMNS, measured.frames)
-    )
+    write_whole(out / "frames.csv", lambda part: _write_csv(part, COLUMNS, measured.frames))
     columns = ("round", "threads", "fma_per_second", "divisions_per_second")
-    provenance.write_whole(out / "peak.csv", lambda part: _write_csv(part, columns, measured.peaks))
-    provenance.write_json(out / "bench.json", result)
+    write_whole(out / "peak.csv", lambda part: _write_csv(part, columns, measured.peaks))
+    write_json(out / "bench.json", result)
     if options.page:
         write_page(options.page, result)
     print(tables(result))
@@ -123,7 +122,7 @@ def _write_csv(file: Path, columns: Sequence[str], rows: Sequence[dict[str, Any]
             writer.writeheader()
             writer.writerows(rows)
 
-    provenance.write_whole(file, write)
+    write_whole(file, write)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -109,9 +109,9 @@ def _packets(pixels: np.ndarray) -> np.ndarray:
 
 
 def shares(measured: Measured, plan: Plan, scene: Scene) -> list[Row]:
-    """Of the packets' loop, by number of threads, at the largest N compared and at the largest that was
-    measured: what part of its time the counted multiply-adds, and the divisions, would take alone
-    at the measured peaks."""
+    """Of the sample loop, by number of threads, at the largest N compared and at the largest that
+    was measured: what part of its time the counted multiply-adds, and the divisions, would take
+    alone at the measured peaks."""
     rows = medians(measured.frames)
     fma, divisions = operations(scene, measured.truth.exact)
     result = []

@@ -7,6 +7,7 @@ import sys
 
 from blender_ref import Cycles, CyclesError, MissingBlender
 from compare.measure.image import ImageError, write_exr
+from compare.run.output import named
 from compare.scene import SceneError
 
 
@@ -19,7 +20,7 @@ def main() -> int:
     parser.add_argument("scene", help="scenes/*.json")
     parser.add_argument("light_samples", type=_positive, help="per pixel")
     parser.add_argument("seed", type=int, help="0 or more")
-    parser.add_argument("out", help="image to write (.exr)")
+    parser.add_argument("out", type=named(".exr"), help="image to write (.exr)")
     parser.add_argument("--width", type=_positive, help="pixels, instead of the scene's")
     parser.add_argument("--height", type=_positive, help="pixels, instead of the scene's")
     parser.add_argument(

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from compare.measure.image import Image, read_image
+from compare.run.output import write_whole
 from compare.run.provenance import ROOT, file_hash
 from compare.scene import Scene, read_scene
 
@@ -119,15 +120,11 @@ class Cycles:
         F12 there renders `samples` light samples. Raises CyclesError.
         """
         path = Path(file).absolute()
-        part = path.with_name(path.name + ".part")
+        drawn = cycles_seed(*seed)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._ask(blend=str(part), samples=samples, seed=cycles_seed(*seed))
-            os.replace(part, path)
+            write_whole(path, lambda p: self._ask(blend=str(p), samples=samples, seed=drawn))
         except OSError as error:
             raise CyclesError(f"{file}: cannot be written: {error.strerror}") from error
-        finally:
-            part.unlink(missing_ok=True)
 
     def close(self) -> None:
         if self._process is not None:

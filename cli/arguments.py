@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
+from compare.run.output import named
+
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
@@ -99,8 +101,8 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file, scenes/*.json")
 
 
-def add_out(parser: argparse.ArgumentParser, metavar: str) -> None:
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar=metavar)
+def add_out(parser: argparse.ArgumentParser, metavar: str, *endings: str) -> None:
+    parser.add_argument("-o", "--out", type=named(*endings), required=True, metavar=metavar)
 
 
 def add_size(parser: argparse.ArgumentParser, default: str) -> None:

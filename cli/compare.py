@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from cli.arguments import Subcommands, add_subcommand
+from compare.run.output import named
 
 
 def add(subcommands: Subcommands) -> None:
@@ -25,7 +26,9 @@ def add(subcommands: Subcommands) -> None:
         "reference", metavar="REFERENCE", help="an image, or `exact` for the exact solution"
     )
     parser.add_argument("--scene", type=Path, required=True, help="scene file of both")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the result as JSON too")
+    parser.add_argument(
+        "--json", type=named(".json"), metavar="OUT", help="write the result as JSON too"
+    )
     parser.add_argument(
         "--perceptual", action="store_true", help="HDR-FLIP and Delta E 2000 too (slow)"
     )
@@ -33,7 +36,8 @@ def add(subcommands: Subcommands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from compare.measure.agreement import compare_files, format_metrics, format_rows
-    from compare.run.provenance import command_line, machine, versions, write_json
+    from compare.run.output import write_json
+    from compare.run.provenance import command_line, machine, versions
 
     result = compare_files(
         options.image, options.reference, options.scene, perceptual=options.perceptual

@@ -18,7 +18,7 @@ def add(subcommands: Subcommands) -> None:
         "penumbra exact scenes/tp3.json -o build/exact/tp3.exr",
     )
     add_scene(parser)
-    add_out(parser, "OUT.exr")
+    add_out(parser, "OUT.exr", ".exr")
     add_size(parser, "the scene's")
     parser.add_argument(
         "--pixel-grid",

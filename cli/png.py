@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cli.arguments import Subcommands, add_out, add_subcommand
 from cli.exit import PASS
+from compare.run.output import PICTURES
 
 
 def add(subcommands: Subcommands) -> None:
@@ -18,7 +19,7 @@ def add(subcommands: Subcommands) -> None:
         "penumbra png build/images/tp3.exr -o tp3.png",
     )
     parser.add_argument("image", type=Path, metavar="IMAGE", help=".exr, .pfm, .png or .jpg")
-    add_out(parser, "OUT.png")
+    add_out(parser, "OUT.png", *PICTURES)
 
 
 def run(options: argparse.Namespace) -> int:

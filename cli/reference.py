@@ -28,7 +28,7 @@ def add(subcommands: Subcommands) -> None:
         lambda options: f"; the same command goes on from {options.out}.parts/",
     )
     add_scene(parser)
-    add_out(parser, "OUT.exr")
+    add_out(parser, "OUT.exr", ".exr")
     parser.add_argument(
         "--samples",
         type=positive,

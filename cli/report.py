@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cli.arguments import Subcommands, add_subcommand
 from cli.exit import PASS
+from compare.run.output import named
 from compare.run.provenance import ROOT
 
 
@@ -23,7 +24,11 @@ def add(subcommands: Subcommands) -> None:
         "--build", type=Path, default=Path("build"), metavar="DIR", help="the inputs [build]"
     )
     parser.add_argument(
-        "-o", "--out", type=Path, metavar="OUT.html", help="the page [DIR/report/index.html]"
+        "-o",
+        "--out",
+        type=named(".html"),
+        metavar="OUT.html",
+        help="the page [DIR/report/index.html]",
     )
 
 

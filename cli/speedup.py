@@ -17,7 +17,7 @@ def add(subcommands: Subcommands) -> None:
         "penumbra speedup scenes/tp3.json -o build/speedup.csv --threads 1,2,4",
     )
     add_scene(parser)
-    add_out(parser, "OUT.csv")
+    add_out(parser, "OUT.csv", ".csv")
     parser.add_argument(
         "--threads",
         type=sample_counts,

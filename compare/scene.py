@@ -6,6 +6,7 @@ other, independent reader; tests/test_scene_contract.py holds the two to one beh
 
 from __future__ import annotations
 
+import codecs
 import json
 import math
 import re
@@ -416,6 +417,9 @@ def _read_json(file: str | Path) -> tuple[Any, dict[Path_, int]]:
         raise SceneError(file, 0, "", error.strerror or str(error)) from error
     if len(raw) > MAX_BYTES:
         raise SceneError(file, 0, "", f"larger than {MAX_BYTES} bytes: not a scene")
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise SceneError(file, 1, "", "UTF-16 text: save it as UTF-8")
+    raw = raw.removeprefix(codecs.BOM_UTF8)  # of Windows' editors; JSON has no place for it
     try:
         text = raw.decode()
         # Integers become float64 too, as in C: else 1e30 + 1 would be over a limit of 1e30.

@@ -10,7 +10,8 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from compare.run.provenance import VERSION, write_whole
+from compare.run.output import write_whole
+from compare.run.provenance import VERSION
 from report.header import INPUTS as HEADER_INPUTS
 from report.header import header
 from report.inputs import Data, Input, ReportError, read_inputs

@@ -23,7 +23,12 @@ typedef struct {
     const void *scene; const RenderSettings *settings; double seconds, target_error;
     const void *spent; int untrusted_pixels; const float *radiance; const float *variance;
 } ExrImage;
-bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size);
+typedef struct {
+    const char *name; char *target, *part; int descriptor; void *stream; char *buffer;
+} Output;
+bool output_find(const char *name, Output *output);
+void output_free(Output *output);
+bool exr_write(Output *output, const ExrImage *image, char *message, size_t message_size);
 """)
 
 
@@ -40,5 +45,8 @@ def test_every_float_is_read_back(tmp_path: Path) -> None:
     image = ffi.new("ExrImage *", [scene, settings, 0, 0, ffi.NULL, 0, ffi.NULL, ffi.NULL])
     radiance = ffi.from_buffer("float[]", values)
     image.radiance = radiance
-    assert library.exr_write(str(file).encode(), image, message, 200), ffi.string(message)
+    name, output = ffi.new("char[]", str(file).encode()), ffi.new("Output *")
+    assert library.output_find(name, output)
+    assert library.exr_write(output, image, message, 200), ffi.string(message)
+    library.output_free(output)
     assert np.array_equal(read_image(file).radiance[0].T.ravel(), values.astype(np.float64))

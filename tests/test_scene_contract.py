@@ -142,6 +142,8 @@ VALID = {
     "one name for an object and a light": edited("quad_lights", 0, "name", to="ball"),
     "largest brightness": edited("point_lights", 0, "power", to=1e30),
     "1000 spheres": text(lambda d: d.update(spheres=[{"name": f"s{i}", "center": [i, 0, 3], "radius": 0.1, "color": [1, 1, 1]} for i in range(1000)])),
+    "byte order mark": "\ufeff" + text(),
+    "byte order mark, windows line ends": "\ufeff" + text().replace("\n", "\r\n"),
     "trailing space": text() + " \n\t ",
 }  # fmt: skip
 
@@ -154,8 +156,14 @@ INVALID: dict[str, tuple[str | bytes, str, str]] = {
     "binary": (bytes(range(256)) * 8, "", ""),
     "NUL byte": (text().encode().replace(b"floor", b"flo\0r"), "", ""),
     "latin-1": (edited("description", to="XX").encode().replace(b"XX", b"\xe9\xe8"), "", ""),
-    "byte order mark": (b"\xef\xbb\xbf" + text().encode(), "", ""),
-    "UTF-16": (text().encode("utf-16"), "", ""),
+    "only a byte order mark": (b"\xef\xbb\xbf", "", ""),
+    "half a byte order mark": (b"\xef\xbb" + text().encode(), "", ""),
+    "two byte order marks": (b"\xef\xbb\xbf" * 2 + text().encode(), "", ""),
+    "a byte order mark at the end": (text().encode() + b"\xef\xbb\xbf", "", ""),
+    **{f"UTF-16, {order}": (("\ufeff" + text()).encode(f"utf-16-{order}"), "", "UTF-16 text") for order in ("le", "be")},
+    "UTF-16 without a mark": (text().encode("utf-16-le"), "", ""),
+    "UTF-32": (text().encode("utf-32"), "", ""),
+    "enormous by a byte order mark": ("\ufeff" + text() + " " * ((1 << 20) - len(text())), "", "larger"),
     "escaped NUL": (text().replace("every kind", r"every \u0000 kind"), "", ""),
     "lone surrogate": (text().replace("every kind", r"every \ud800 kind"), "", ""),
     "deeply nested": ('{"a":' * 5000 + "1" + "}" * 5000, "", ""),
@@ -250,10 +258,11 @@ def test_both_readers_refuse_and_name_file_line_key_and_reason(
         assert dump is None
         assert str(file) in message
         assert key in message and word in message, message
-        if case != "enormous":
+        if not case.startswith("enormous"):
             assert re.search(re.escape(str(file)) + r":\d+: ", message), message
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["", "byte order mark"])
 @pytest.mark.parametrize(
     ("case", "needle"),
     [
@@ -266,10 +275,10 @@ def test_both_readers_refuse_and_name_file_line_key_and_reason(
     ],
 )
 def test_both_readers_name_the_same_line(
-    case: str, needle: str, renderer: Path, tmp_path: Path
+    case: str, needle: str, mark: str, renderer: Path, tmp_path: Path
 ) -> None:
     """The line is that of the value (or key) itself, counted from 1."""
-    content = INVALID[case][0]
+    content = mark + INVALID[case][0]
     assert isinstance(content, str)
     needle = '"name": "ball"' if case == "same name" else needle
     line = content[: content.rindex(needle)].count("\n") + 1

@@ -16,7 +16,7 @@ import numpy as np
 import OpenEXR
 from PIL import Image as PillowImage
 
-from compare.run.provenance import write_whole
+from compare.run.output import PICTURES, write_whole
 
 CHANNELS = ("R", "G", "B")
 EIGHT_BIT = (".png", ".jpg", ".jpeg")
@@ -107,7 +107,7 @@ def write_exr(file: str | Path, image: Image) -> None:
         OpenEXR.File(header, channels).write(stream)
         write_whole(path, lambda part: part.write_bytes(stream.getbuffer()))
     except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
+        raise ImageError(f"{error.filename}: cannot be written: {error.strerror}") from error
     except RuntimeError as error:
         raise ImageError(f"{path}: cannot be written: {error}") from error
 
@@ -115,20 +115,22 @@ def write_exr(file: str | Path, image: Image) -> None:
 def write_display(file: str | Path, radiance: np.ndarray) -> None:
     """Save as the lab does: clamp to [0, 1], times 255, truncated, no gamma.
 
-    radiance: (H, W, 3). The suffix chooses PNG or JPG (quality 100, colour at full resolution).
+    radiance: (H, W, 3). The suffix chooses PNG or JPG (quality 100, colour at full resolution); no
+    suffix is PNG.
     Raises ImageError if it cannot be written, or holds NaN or infinity.
     """
     path = Path(file)
-    if path.suffix.lower() not in EIGHT_BIT:
+    suffix = path.suffix.lower()
+    if suffix and suffix not in PICTURES:
         raise ImageError(f"{path}: a picture's name ends in .png or .jpg")
     if not np.isfinite(radiance).all():
         raise ImageError(f"{path}: not written: values are NaN or infinite")
     picture = PillowImage.fromarray((np.clip(radiance, 0, 1) * 255).astype(np.uint8))
-    kind = "PNG" if path.suffix.lower() == ".png" else "JPEG"
+    kind = "JPEG" if suffix in (".jpg", ".jpeg") else "PNG"
     try:
         write_whole(path, lambda part: picture.save(part, kind, quality=100, subsampling=0))
     except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
+        raise ImageError(f"{error.filename}: cannot be written: {error.strerror}") from error
 
 
 def _plane(values: np.ndarray, channel: int) -> np.ndarray:

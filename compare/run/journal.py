@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import json
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,6 +27,8 @@ class Journal:
         self.file = file
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
+            if file.exists() and not file.is_file():
+                raise JournalError(f"{file}: no plain file, and so no journal to go on from")
             self._stream = file.open("a+b")
         except OSError as error:
             raise JournalError(f"{file}: cannot be written: {error.strerror}") from error
@@ -50,7 +53,7 @@ class Journal:
         self._values[key] = value
 
     def delete(self) -> None:
-        self.file.unlink(missing_ok=True)
+        Path(os.path.realpath(self.file)).unlink(missing_ok=True)  # a link stays
 
     def __enter__(self) -> Journal:
         return self

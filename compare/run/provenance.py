@@ -1,18 +1,15 @@
-"""Where a result comes from: version, machine, command, and whole files or none."""
+"""Where a result comes from: version, machine, command."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import platform
 import shlex
 import sys
 import tomllib
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 VERSION: str = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
@@ -47,29 +44,6 @@ def file_hash(*files: Path) -> str:
     for file in files:
         whole.update(hashlib.sha256(file.read_bytes()).digest())
     return whole.hexdigest()
-
-
-def write_whole(file: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill `<file>.part`, then rename it: the file is whole or absent.
-
-    Raises OSError, which names the file, if it cannot be written.
-    """
-    part = file.with_name(file.name + ".part")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            write(part)
-            os.replace(part, file)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), str(file)) from error
-
-
-def write_json(file: Path, value: Any) -> None:
-    """Write JSON that is whole or absent. Raises OSError; ValueError for NaN."""
-    text = json.dumps(value, indent=1, allow_nan=False) + "\n"
-    write_whole(file, lambda part: part.write_text(text))
 
 
 def _processor() -> str:

@@ -25,6 +25,7 @@ from compare.measure.image import EIGHT_BIT, Image, ImageError, read_image
 from compare.measure.slope import Slope, fit_slope, rmse_interval
 from compare.run import provenance
 from compare.run.journal import Journal
+from compare.run.output import write_json, write_whole
 from compare.run.renderers import Job, Renderer, RendererError
 from compare.scene import Scene, read_scene
 
@@ -122,8 +123,8 @@ def converge(study: ConvergenceStudy) -> dict[str, Any]:
         ]
         rows = [row for curve, images in measured for row in _rows(solved, curve, images)]
         result = _summary(solved, rows, measured)
-        provenance.write_whole(study.file(".csv"), lambda part: _write_csv(part, rows))
-        provenance.write_json(study.file(".json"), result)
+        write_whole(study.file(".csv"), lambda part: _write_csv(part, rows))
+        write_json(study.file(".json"), result)
         journal.delete()
     return result
 

@@ -12,6 +12,7 @@ from compare.exact.image import LIT, UMBRA, shade
 from compare.exact.receivers import Receivers
 from compare.measure.metrics import luminance
 from compare.run import provenance
+from compare.run.output import write_json
 from compare.scene import Plane, Scene, Vec3, read_scene
 
 START, END = (0.0, -2.0, 3.0), (3.0, -2.0, 3.0)
@@ -57,7 +58,7 @@ def profile(
         "machine": provenance.machine(),
         "versions": provenance.versions(),
     }
-    provenance.write_json(out, result)
+    write_json(out, result)
     return result
 
 

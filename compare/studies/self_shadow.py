@@ -24,6 +24,7 @@ from scipy import stats
 from tqdm import tqdm
 
 from compare.run import provenance
+from compare.run.output import write_json, write_whole
 from compare.run.renderers import MissingProgramError
 from compare.scene import Scene, read_scene
 
@@ -424,8 +425,8 @@ def write_map(out: Path, rays: int = RAYS) -> dict[str, Any]:
         "machine": provenance.machine(),
         "versions": provenance.versions(),
     }
-    provenance.write_whole(out.with_name(out.name + ".csv"), lambda part: _write_csv(part, rows))
-    provenance.write_json(out.with_name(out.name + ".json"), result)
+    write_whole(out.with_name(out.name + ".csv"), lambda part: _write_csv(part, rows))
+    write_json(out.with_name(out.name + ".json"), result)
     return result
 
 

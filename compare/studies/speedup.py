@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from compare.measure.image import read_image
 from compare.run import provenance
+from compare.run.output import write_json, write_whole
 from compare.run.renderers import Job, penumbra_renderer
 from compare.scene import read_scene
 
@@ -78,8 +79,8 @@ def speedup(
         "versions": provenance.versions(),
         "rows": summary(rows),
     }
-    provenance.write_whole(out, lambda part: _write_csv(part, rows))
-    provenance.write_json(out.with_suffix(".json"), result)
+    write_whole(out, lambda part: _write_csv(part, rows))
+    write_json(out.with_suffix(".json"), result)
     return result
 
 

@@ -26,6 +26,7 @@ from compare.exact.image import exact_image
 from compare.measure.image import read_image
 from compare.run import provenance
 from compare.run.library import PRECISIONS, PROGRAM, PixelRenderer, Setting, WarmRenderer
+from compare.run.output import write_json, write_whole
 from compare.run.renderers import RendererError
 from compare.scene import read_scene
 from compare.studies import yardstick
@@ -293,8 +294,8 @@ def study(out: Path, budget: str = "full") -> dict[str, Any]:
         "sums": sums,
     }
     fields = list(asdict(rows[0]))
-    provenance.write_whole(out.with_suffix(".csv"), lambda part: _write_csv(part, fields, rows))
-    provenance.write_json(out.with_suffix(".json"), result)
+    write_whole(out.with_suffix(".csv"), lambda part: _write_csv(part, fields, rows))
+    write_json(out.with_suffix(".json"), result)
     return result
 
 
@@ -375,7 +376,7 @@ def _example(sweep: Sweep, curve: dict[str, Any], scenes: Path) -> dict[str, Any
     error, value = chosen
     scene = sweep.build(value)
     file = scenes / f"{sweep.name}_{value:g}.json"
-    provenance.write_json(file, scene)
+    write_json(file, scene)
     command = (
         f"build/bin/penumbra-render {file} -o {sweep.name}.exr "
         f"--light-samples {LIGHT_SAMPLES} --seed {SEED}"

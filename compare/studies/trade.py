@@ -21,6 +21,7 @@ from compare.measure.image import Image, read_image, write_exr
 from compare.measure.slope import fit_slope, rmse_interval
 from compare.run import provenance
 from compare.run.library import Setting, WarmRenderer
+from compare.run.output import write_json, write_whole
 from compare.run.renderers import Job, Renderer
 from compare.scene import Scene, read_scene
 from compare.studies import choice
@@ -150,8 +151,8 @@ def trade(study: TradeStudy) -> dict[str, Any]:
         "verdict": choice.verdict_text(trials),
         "strips": _strips(measured, rows, threads[-1]) if study.keep_images else {},
     }
-    provenance.write_whole(study.file(".csv"), lambda part: _write_csv(part, measured, frames))
-    provenance.write_json(study.file(".json"), result)
+    write_whole(study.file(".csv"), lambda part: _write_csv(part, measured, frames))
+    write_json(study.file(".json"), result)
     return result
 
 

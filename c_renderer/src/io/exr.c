@@ -5,12 +5,9 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include <openexr.h>
-
-enum { BUFFER_SIZE = 1 << 20 };
 
 /* Alphabetical, as the format wants them: channel i is plane 2 - i % 3 of its buffer below. */
 static const char *const CHANNELS[6] = {"B", "G", "R", "variance.B", "variance.G", "variance.R"};
@@ -121,14 +118,15 @@ static int64_t write_bytes(exr_const_context_t exr, void *user, const void *byte
     return written == size ? (int64_t)size : -1;
 }
 
-static exr_result_t write_image(const char *file, Stream *stream, const ExrImage *image)
+static exr_result_t write_image(Output *output, const ExrImage *image)
 {
+    Stream stream = {output->stream, 0};
     exr_context_t exr;
     exr_context_initializer_t options = EXR_DEFAULT_CONTEXT_INITIALIZER;
     options.error_handler_fn = be_silent;
     options.write_fn = write_bytes;
-    options.user_data = stream;
-    exr_result_t result = exr_start_write(&exr, file, EXR_WRITE_FILE_DIRECTLY, &options);
+    options.user_data = &stream;
+    exr_result_t result = exr_start_write(&exr, output->name, EXR_WRITE_FILE_DIRECTLY, &options);
     if (result)
         return result;
     result = write_header(exr, image);
@@ -141,38 +139,20 @@ static exr_result_t write_image(const char *file, Stream *stream, const ExrImage
     return result ? result : closed;
 }
 
-bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size)
+bool exr_write(Output *output, const ExrImage *image, char *message, size_t message_size)
 {
-    char *part = malloc(strlen(file) + sizeof EXR_UNFINISHED);
-    if (!part) {
-        snprintf(message, message_size, "%s: out of memory", file);
-        return false;
-    }
-    strcat(strcpy(part, file), EXR_UNFINISHED);
-
     errno = 0;
-    exr_result_t result = EXR_ERR_FILE_ACCESS;
-    Stream stream = {fopen(part, "wb"), 0};
-    const bool opened = stream.file;
-    char *buffer = malloc(BUFFER_SIZE); /* NULL: slower */
-    if (opened) {
-        if (buffer)
-            setvbuf(stream.file, buffer, _IOFBF, BUFFER_SIZE);
-        result = write_image(part, &stream, image);
-        if (fclose(stream.file) != 0 && !result)
-            result = EXR_ERR_WRITE_IO;
+    exr_result_t result = EXR_ERR_SUCCESS;
+    bool written = output_begin(output);
+    if (written) {
+        result = write_image(output, image);
+        int reason = errno;
+        written = output_end(output, !result) && !result;
+        errno = result ? reason : errno;
     }
-    int reason = errno;
-    bool written = !result && rename(part, file) == 0;
-    if (!written) {
-        snprintf(message, message_size, "%s: cannot be written: %s", file,
-                 !result  ? strerror(errno)
-                 : reason ? strerror(reason)
-                          : exr_get_default_error_message(result));
-        if (opened)
-            remove(part);
-    }
-    free(buffer);
-    free(part);
+    if (!written)
+        snprintf(message, message_size, "%s: cannot be written: %s",
+                 output->target ? output->target : output->name,
+                 errno ? strerror(errno) : exr_get_default_error_message(result));
     return written;
 }

@@ -6,6 +6,7 @@
 #include <stddef.h>
 
 #include "frame/render.h"
+#include "output.h"
 
 /* An image and how it came to be. */
 typedef struct {
@@ -19,12 +20,9 @@ typedef struct {
     const float *variance;    /* likewise, or NULL */
 } ExrImage;
 
-/* Follows the file's name until it is whole. */
-#define EXR_UNFINISHED ".part"
-
 /* Writes 32-bit float scanlines: R, G, B and, unless variance is NULL, variance.R .G .B, with
- * scene, settings, sampler, time and version as header attributes. The file appears under its
- * name only when it is whole. False: nothing was left behind, and message says why. */
-bool exr_write(const char *file, const ExrImage *image, char *message, size_t message_size);
+ * scene, settings, sampler, time and version as header attributes. False: nothing was left
+ * behind, and message says why. */
+bool exr_write(Output *output, const ExrImage *image, char *message, size_t message_size);
 
 #endif

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <unistd.h>
 
 #include <omp.h>
@@ -19,6 +20,8 @@
 #include "scene_json.h"
 
 enum { EXIT_BAD_INPUT = 2 };
+
+#define COUNT(array) ((int)(sizeof(array) / sizeof *(array)))
 
 static const char HELP[] =
     "usage: penumbra-render SCENE.json -o OUT.exr [options]\n"
@@ -71,8 +74,8 @@ static void flush_output(void)
         fail("%s%s", "standard output: ", strerror(errno));
 }
 
-/* exr_write's unfinished file, while there is one. */
-static char *unfinished;
+/* The output's unfinished file, while there is one. */
+static const char *unfinished;
 
 static void remove_unfinished(int number)
 {
@@ -83,17 +86,16 @@ static void remove_unfinished(int number)
 
 /* Ctrl-C and `kill` end the program as ever, but leave no unfinished file. A file over the size
  * limit becomes an error of writing. */
-static void guard_output(const char *output)
+static void guard_output(const Output *output)
 {
-    unfinished = malloc(strlen(output) + sizeof EXR_UNFINISHED);
-    if (!unfinished)
-        fail("%s%s", "out of memory", "");
-    strcat(strcpy(unfinished, output), EXR_UNFINISHED);
+    signal(SIGXFSZ, SIG_IGN);
+    if (!output->part)
+        return;
+    unfinished = output->part;
     const int numbers[2] = {SIGINT, SIGTERM};
     for (int i = 0; i < 2; i++)
         if (signal(numbers[i], remove_unfinished) == SIG_IGN)
             signal(numbers[i], SIG_IGN);
-    signal(SIGXFSZ, SIG_IGN);
 }
 
 static uint64_t parse_number(const char *option, const char *text, uint64_t low, uint64_t high)
@@ -136,6 +138,23 @@ static int parse_name(const char *option, const char *text, const char *const *n
     exit(EXIT_BAD_INPUT);
 }
 
+/* A name that says that a file is something else, a picture above all, is a mistake. */
+static void check_name(const char *name)
+{
+    static const char *const OTHERS[] = {
+        ".png",  ".jpg",   ".jpeg", ".bmp",  ".gif",  ".hdr", ".pfm", ".ppm", ".tif", ".tiff",
+        ".webp", ".blend", ".csv",  ".html", ".json", ".npy", ".npz", ".pdf", ".svg", ".txt"};
+    const char *ending = strrchr(name, '.');
+    for (int i = 0; ending && i < COUNT(OTHERS); i++)
+        if (strcasecmp(ending, OTHERS[i]) == 0) {
+            fprintf(stderr,
+                    "penumbra-render: --output: \"%s\" does not end in .exr; for a picture of it: "
+                    "penumbra png OUT.exr -o OUT.png\n",
+                    name);
+            exit(EXIT_BAD_INPUT);
+        }
+}
+
 static Options parse_options(int argc, char **argv)
 {
     enum {
@@ -174,6 +193,7 @@ static Options parse_options(int argc, char **argv)
     while ((option = getopt_long(argc, argv, "o:", LONG, NULL)) != -1) {
         switch (option) {
         case 'o':
+            check_name(optarg);
             options.output = optarg;
             break;
         case LIGHT:
@@ -183,11 +203,12 @@ static Options parse_options(int argc, char **argv)
             settings->samples_per_pixel = (int)parse_number("pixel-samples", optarg, 1, 1 << 16);
             break;
         case SAMPLER:
-            settings->sampler = (Sampler)parse_name("sampler", optarg, RENDER_SAMPLER_NAMES, 3);
+            settings->sampler = (Sampler)parse_name("sampler", optarg, RENDER_SAMPLER_NAMES,
+                                                    COUNT(RENDER_SAMPLER_NAMES));
             break;
         case ESTIMATOR:
-            settings->estimator =
-                (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES, 4);
+            settings->estimator = (Estimator)parse_name("estimator", optarg, RENDER_ESTIMATOR_NAMES,
+                                                        COUNT(RENDER_ESTIMATOR_NAMES));
             break;
         case TARGET:
             options.target_error = parse_fraction("target-error", optarg);
@@ -279,6 +300,9 @@ int main(int argc, char **argv)
         flush_output();
         return 0;
     }
+    Output output;
+    if (!output_find(options.output, &output))
+        fail("%s: cannot be written: %s", options.output, strerror(errno));
     if (!settings->width)
         settings->width = scene.width;
     if (!settings->height)
@@ -313,8 +337,8 @@ int main(int argc, char **argv)
                       .variance = variance};
     image.untrusted_pixels = trust_untrusted_pixels(
         &scene, settings, targeted ? ADAPTIVE_PILOT : settings->nb_light_samples);
-    guard_output(options.output);
-    bool written = exr_write(options.output, &image, message, sizeof message);
+    guard_output(&output);
+    bool written = exr_write(&output, &image, message, sizeof message);
     if (written && targeted)
         report_spent(settings, options.target_error, &spent);
     if (written && image.untrusted_pixels)
@@ -322,6 +346,7 @@ int main(int argc, char **argv)
     free(radiance);
     free(variance);
     scene_free(&scene);
+    output_free(&output);
     if (!written)
         fail("%s%s", message, "");
     flush_output();

@@ -714,6 +714,18 @@ static void read_scene(Reader *reader, const json_t *root, Scene *scene)
 
 /* ---- the file ---- */
 
+/* Windows' editors begin a file with a mark of its encoding, which JSON has no place for. */
+static void skip_byte_order_mark(Reader *reader)
+{
+    if (reader->length >= 3 && memcmp(reader->text, "\xEF\xBB\xBF", 3) == 0) {
+        reader->length -= 3;
+        memmove(reader->text, reader->text + 3, reader->length + 1);
+    } else if (reader->length >= 2 && (memcmp(reader->text, "\xFF\xFE", 2) == 0 ||
+                                       memcmp(reader->text, "\xFE\xFF", 2) == 0)) {
+        refuse_at_line(reader, 1, "", "UTF-16 text: save it as UTF-8");
+    }
+}
+
 static void read_text(Reader *reader)
 {
     FILE *stream = fopen(reader->file, "rb");
@@ -731,6 +743,8 @@ static void read_text(Reader *reader)
     }
     if (stream)
         fclose(stream);
+    if (!reader->refused)
+        skip_byte_order_mark(reader);
     /* Jansson skips a NUL byte after a number, where strings of C end. */
     const char *nul = reader->refused ? NULL : memchr(reader->text, '\0', reader->length);
     if (nul)
