@@ -13,7 +13,7 @@ from markupsafe import Markup
 from compare.run.provenance import VERSION, write_whole
 from report.header import INPUTS as HEADER_INPUTS
 from report.header import header
-from report.inputs import Data, Input, ReportError, read_inputs
+from report.inputs import Data, Input, ReportError, read_inputs, unusable
 from report.pictures import ENLARGED
 from report.sections import SECTIONS, Section, inputs_of
 
@@ -54,7 +54,7 @@ def rendered(sections: Sequence[Section], data: Data) -> list[Rendered]:
     """Those sections whose inputs are there. Raises ReportError for an input that lacks
     something."""
     environment = _environment()
-    there = [s for s in sections if all(data.has(i) or not i.needed for i in s.inputs)]
+    there = [s for s in sections if _is_there(s, data)]
     return [
         Rendered(
             s.name,
@@ -68,6 +68,16 @@ def rendered(sections: Sequence[Section], data: Data) -> list[Rendered]:
         )
         for s in there
     ]
+
+
+def _is_there(section: Section, data: Data) -> bool:
+    """Whether to show it. Raises ReportError if but a part of what it needs is there."""
+    missing = [i for i in section.inputs if i.needed and not data.has(i)]
+    if section.optional and len(missing) == len(section.inputs):
+        return False
+    for item in missing:
+        raise unusable(item, data.build_dir, "no such file")
+    return True
 
 
 def _built(

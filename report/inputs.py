@@ -169,7 +169,7 @@ def read_inputs(inputs: Sequence[Input], build_dir: Path, scenes_dir: Path) -> D
     there = {i.file: i for i in inputs if i.path(build_dir).is_file()}
     missing = [i for i in inputs if i.needed and i.file not in there]
     if missing:
-        raise ReportError("\n".join(str(_unusable(i, build_dir, "no such file")) for i in missing))
+        raise ReportError("\n".join(str(unusable(i, build_dir, "no such file")) for i in missing))
     files = {i.scene: scenes_dir / f"{i.scene}.json" for i in inputs}
     scenes = {name: read_scene(file) for name, file in files.items()}
     read = {i.file: _read(i, build_dir) for i in there.values()}
@@ -186,7 +186,7 @@ def read_inputs(inputs: Sequence[Input], build_dir: Path, scenes_dir: Path) -> D
     )
 
 
-def _unusable(item: Input, build_dir: Path, reason: object) -> ReportError:
+def unusable(item: Input, build_dir: Path, reason: object) -> ReportError:
     return ReportError(f"{item.path(build_dir)}: {reason}; make it with: {item.command}")
 
 
@@ -198,10 +198,10 @@ def _read(item: Input, build_dir: Path) -> Any:
     except ImageError as error:  # names the file itself
         raise ReportError(f"{error}; make it with: {item.command}") from error
     except (OSError, ValueError, csv.Error) as error:
-        raise _unusable(item, build_dir, error) from error
+        raise unusable(item, build_dir, error) from error
     missing = [k for k in item.keys if not isinstance(value, dict) or k not in value]
     if missing:
-        raise _unusable(item, build_dir, f"has no {', '.join(missing)}")
+        raise unusable(item, build_dir, f"has no {', '.join(missing)}")
     return value
 
 
@@ -221,4 +221,4 @@ def _check_scene(item: Input, build_dir: Path, image: Image, scene: Scene) -> No
     shown = image.attributes.get("sceneHash")
     if shown != scene.hash:
         reason = f"shows a scene of hash {shown}, but {scene.name} is now {scene.hash}"
-        raise _unusable(item, build_dir, reason)
+        raise unusable(item, build_dir, reason)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import os
@@ -9,7 +10,7 @@ import platform
 import shlex
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,11 @@ def command_line() -> str:
     return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
+def origin() -> dict[str, Any]:
+    """Where a result comes from: command, machine and versions."""
+    return {"command": command_line(), "machine": machine(), "versions": versions()}
+
+
 def file_hash(*files: Path) -> str:
     """SHA-256 of the contents of files, in the order given. Raises OSError."""
     whole = hashlib.sha256()
@@ -70,6 +76,21 @@ def write_json(file: Path, value: Any) -> None:
     """Write JSON that is whole or absent. Raises OSError; ValueError for NaN."""
     text = json.dumps(value, indent=1, allow_nan=False) + "\n"
     write_whole(file, lambda part: part.write_text(text))
+
+
+def write_csv(file: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write a CSV file that is whole or absent; what a row lacks is left empty.
+
+    Raises OSError; ValueError for a row that has other columns.
+    """
+
+    def write(part: Path) -> None:
+        with part.open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+
+    write_whole(file, write)
 
 
 def _processor() -> str:

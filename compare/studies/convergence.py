@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import math
 import shutil
@@ -122,7 +121,7 @@ def converge(study: ConvergenceStudy) -> dict[str, Any]:
         ]
         rows = [row for curve, images in measured for row in _rows(solved, curve, images)]
         result = _summary(solved, rows, measured)
-        provenance.write_whole(study.file(".csv"), lambda part: _write_csv(part, rows))
+        provenance.write_csv(study.file(".csv"), COLUMNS, rows)
         provenance.write_json(study.file(".json"), result)
         journal.delete()
     return result
@@ -411,13 +410,6 @@ def _rows(solved: _SolvedScene, curve: Curve, images: Iterable[_Measured]) -> li
     return rows
 
 
-def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def _summary(
     solved: _SolvedScene,
     rows: Sequence[dict[str, Any]],
@@ -442,9 +434,7 @@ def _summary(
         "seeds": study.seeds,
         "pixel_grid": study.pixel_grid,
         "reference": None if study.reference is None else str(study.reference),
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
         "renderers": renderers,
         "slopes": fits.slopes,
         "without_slope": fits.without_slope,

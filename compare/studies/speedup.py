@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -73,12 +72,10 @@ def speedup(
         "height": scene.height,
         "light_samples": light_samples,
         "repeats": repeats,
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
         "rows": summary(rows),
     }
-    provenance.write_whole(out, lambda part: _write_csv(part, rows))
+    provenance.write_csv(out, COLUMNS, rows)
     provenance.write_json(out.with_suffix(".json"), result)
     return result
 
@@ -104,10 +101,3 @@ def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         }
         for threads, seconds in sorted(times.items())
     ]
-
-
-def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)

@@ -7,7 +7,6 @@ compare.exact.image's. The images are tiny: what breaks, breaks in every pixel.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import subprocess
@@ -280,9 +279,7 @@ def study(out: Path, budget: str = "full") -> dict[str, Any]:
         "seed": SEED,
         "size": [WIDTH, HEIGHT],
         "budget": budget,
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
         "images": len(rows),
         "nan": sum(r.nan for r in rows),
         "inf": sum(r.inf for r in rows),
@@ -292,8 +289,8 @@ def study(out: Path, budget: str = "full") -> dict[str, Any]:
         "trust": trust,
         "sums": sums,
     }
-    fields = list(asdict(rows[0]))
-    provenance.write_whole(out.with_suffix(".csv"), lambda part: _write_csv(part, fields, rows))
+    written = [asdict(row) for row in rows]
+    provenance.write_csv(out.with_suffix(".csv"), list(written[0]), written)
     provenance.write_json(out.with_suffix(".json"), result)
     return result
 
@@ -307,13 +304,6 @@ def _thinned(values: tuple[float, ...], every: int) -> tuple[float, ...]:
     return tuple(
         v for i, v in enumerate(values) if i % every == 0 or v == 0 or i == len(values) - 1
     )
-
-
-def _write_csv(part: Path, fields: list[str], rows: Sequence[Row]) -> None:
-    with part.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, fields, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
 
 
 def _summary(sweep: Sweep, rows: list[Row], scenes: Path) -> dict[str, Any]:
