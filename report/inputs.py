@@ -70,7 +70,7 @@ def reference_file(scene: str) -> str:
     return f"reference/{scene}.exr"
 
 
-def _render(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
+def image_input(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
     file = image_file(scene, light_samples, pixel_samples)
     command = (
         f"build/bin/penumbra-render scenes/{scene}.json --light-samples {light_samples} "
@@ -79,12 +79,12 @@ def _render(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
     return Input(file, command, scene)
 
 
-def _reference(scene: str) -> Input:
+def reference_input(scene: str) -> Input:
     file = reference_file(scene)
     return Input(file, f"penumbra reference scenes/{scene}.json -o build/{file}", scene)
 
 
-def _comparisons(scene: str) -> Iterator[Input]:
+def comparison_inputs(scene: str) -> Iterator[Input]:
     """C and Cycles against exact; C against Cycles where the two are of one size."""
     files = {"c": best_image_file(scene), "cycles": reference_file(scene)}
     for image, reference in (("c", "exact"), ("cycles", "exact"), ("c", "cycles")):
@@ -100,15 +100,15 @@ def _comparisons(scene: str) -> Iterator[Input]:
 
 
 IMAGES: tuple[Input, ...] = (
-    _render("tp3", FEW),
-    _render("tp3", FEW, PIXEL_SAMPLES),
-    _render("tp3", FEW * PIXEL_SAMPLES),
-    _render("tp3_statement", 1),
-    *(_render("tp3_statement", n) for n in LIGHT_SAMPLES),
-    *(_render(scene, MOST_LIGHT_SAMPLES[scene]) for scene in SCENES),
-    *(_reference(scene) for scene in SCENES),
+    image_input("tp3", FEW),
+    image_input("tp3", FEW, PIXEL_SAMPLES),
+    image_input("tp3", FEW * PIXEL_SAMPLES),
+    image_input("tp3_statement", 1),
+    *(image_input("tp3_statement", n) for n in LIGHT_SAMPLES),
+    *(image_input(scene, MOST_LIGHT_SAMPLES[scene]) for scene in SCENES),
+    *(reference_input(scene) for scene in SCENES),
 )
-COMPARISONS: tuple[Input, ...] = tuple(c for scene in SCENES for c in _comparisons(scene))
+COMPARISONS: tuple[Input, ...] = tuple(c for scene in SCENES for c in comparison_inputs(scene))
 """The command exits with 1, its file written, where anything does not agree."""
 
 _CONVERGE = (

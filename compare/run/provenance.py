@@ -11,7 +11,6 @@ import shlex
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,8 @@ def cores() -> int:
 
 def versions() -> dict[str, str]:
     """Versions of Penumbra, Python and the libraries that numbers pass through."""
+    from importlib import metadata  # slow to load, and `--help` does without
+
     libraries = {name: metadata.version(name) for name in ("numpy", "scipy", "OpenEXR")}
     return {"penumbra": VERSION, "python": platform.python_version(), **libraries}
 
