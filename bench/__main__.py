@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import platform
 import signal
@@ -22,7 +21,7 @@ from bench.systems import NotBuilt, SystemFailed
 from blender_ref import CyclesError
 from compare.measure.image import ImageError
 from compare.run import provenance
-from compare.run.output import write_json, write_whole
+from compare.run.output import write_csv, write_json
 from compare.scene import SceneError, read_scene
 
 PEAK_COLUMNS = ("round", "threads", "fma_per_second", "divisions_per_second")
@@ -69,9 +68,9 @@ def _bench(options: argparse.Namespace) -> int:
         "command": provenance.command_line(),
     }
     out: Path = options.out
-    write_whole(out / "frames.csv", lambda part: _write_csv(part, COLUMNS, measured.frames))
+    write_csv(out / "frames.csv", COLUMNS, measured.frames)
     columns = ("round", "threads", "fma_per_second", "divisions_per_second")
-    write_whole(out / "peak.csv", lambda part: _write_csv(part, columns, measured.peaks))
+    write_csv(out / "peak.csv", columns, measured.peaks)
     write_json(out / "bench.json", result)
     if options.page:
         write_page(options.page, result)
@@ -113,16 +112,6 @@ def _versions(measured: Measured) -> dict[str, str]:
     except OSError:
         pass  # built elsewhere
     return found | measured.versions
-
-
-def _write_csv(file: Path, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-    def write(part: Path) -> None:
-        with part.open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-
-    write_whole(file, write)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -37,7 +37,7 @@ def add(subcommands: Subcommands) -> None:
 def run(options: argparse.Namespace) -> int:
     from compare.measure.agreement import compare_files, format_metrics, format_rows
     from compare.run.output import write_json
-    from compare.run.provenance import command_line, machine, versions
+    from compare.run.provenance import origin
 
     result = compare_files(
         options.image, options.reference, options.scene, perceptual=options.perceptual
@@ -54,9 +54,7 @@ def run(options: argparse.Namespace) -> int:
                 for region, values in result.metrics.items()
             },
             "notes": result.notes,
-            "command": command_line(),
-            "machine": machine(),
-            "versions": versions(),
+            **origin(),
         }
         write_json(options.json, content)
     return result.exit_status

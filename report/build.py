@@ -14,7 +14,7 @@ from compare.run.output import write_whole
 from compare.run.provenance import VERSION
 from report.header import INPUTS as HEADER_INPUTS
 from report.header import header
-from report.inputs import Data, Input, ReportError, read_inputs
+from report.inputs import Data, Input, ReportError, read_inputs, unusable
 from report.pictures import ENLARGED
 from report.sections import SECTIONS, Section, inputs_of
 
@@ -28,15 +28,12 @@ def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
     that makes it), SceneError, and OSError if `out` cannot be written.
     """
     data = read_inputs(inputs_of(SECTIONS), build_dir, scenes_dir)
-    sections = rendered(SECTIONS, data)
-    html = (
-        _environment()
-        .get_template("page.html.j2")
-        .render(
-            header=_built(header, HEADER_INPUTS, data),
-            sections=sections,
-            css=Markup("").join([_asset("page.css"), *(_asset(f"{s.name}.css") for s in SECTIONS)]),
-        )
+    styles = ("page.css", *(f"{s.name}.css" for s in SECTIONS))
+    template = _environment().get_template("page.html.j2")
+    html = template.render(
+        header=_built(header, HEADER_INPUTS, data),
+        sections=rendered(SECTIONS, data),
+        css=Markup("").join(map(_asset, styles)),
     )
     write_whole(out, lambda part: part.write_text(html, encoding="utf-8"))
 
@@ -55,20 +52,23 @@ def rendered(sections: Sequence[Section], data: Data) -> list[Rendered]:
     """Those sections whose inputs are there. Raises ReportError for an input that lacks
     something."""
     environment = _environment()
-    there = [s for s in sections if all(data.has(i) or not i.needed for i in s.inputs)]
-    return [
-        Rendered(
-            s.name,
-            s.title,
-            Markup(
-                environment.get_template(f"{s.name}.html.j2").render(
-                    {s.name: _built(s.build, s.inputs, data)}
-                )
-            ),
-            _asset(f"{s.name}.js"),
-        )
-        for s in there
-    ]
+
+    def html(s: Section) -> Markup:
+        template = environment.get_template(f"{s.name}.html.j2")
+        return Markup(template.render({s.name: _built(s.build, s.inputs, data)}))
+
+    there = [s for s in sections if _is_there(s, data)]
+    return [Rendered(s.name, s.title, html(s), _asset(f"{s.name}.js")) for s in there]
+
+
+def _is_there(section: Section, data: Data) -> bool:
+    """Whether to show it. Raises ReportError if but a part of what it needs is there."""
+    missing = [i for i in section.inputs if i.needed and not data.has(i)]
+    if section.optional and len(missing) == len(section.inputs):
+        return False
+    for item in missing:
+        raise unusable(item, data.build_dir, "no such file")
+    return True
 
 
 def _built(

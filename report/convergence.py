@@ -8,10 +8,9 @@ from typing import Any
 from report import figures
 from report.figures import Series
 from report.inputs import CONVERGENCE, PIXEL_SAMPLES, Data
-from report.words import fixed, interval, percent, size_of
+from report.words import fixed, interval, percent, region_title, size_of
 
 FIRST_REGIONS = ("all", "lit", "penumbra")
-REGIONS = {"all": "all objects"}
 RENDERERS = {"penumbra": "C", "cycles": "Cycles"}
 
 
@@ -36,13 +35,13 @@ def convergence(data: Data) -> dict[str, Any]:
                 for c in curves
                 if c["region"] == region and c["pixel_samples"] == 1
             ]
-            description = f"Relative RMSE against {against}, {REGIONS.get(region, region)}. "
+            description = f"Relative RMSE against {against}, {region_title(region)}. "
             description += " ".join(_fall(s) for s in series)
             name = f"chart {number} {region}"
             svg = figures.convergence_chart(name, description, series, style, x_label, x_base)
             fitted = [slope_of(data, x.renderer, region) for x in series] if number == 6 else []
             slopes = [f"{_renderer(x)} {_slope_text(x)}" for x in fitted if x]
-            panels.append({"title": REGIONS.get(region, region), "svg": svg, "slopes": slopes})
+            panels.append({"title": region_title(region), "svg": svg, "slopes": slopes})
         caption = (
             f"Relative RMSE against {against}, measured against the exact solution, scene {scene} "
             f"at {size_of(measured)} pixels, M = 1; {bands}. Dashed: slope −1/2."

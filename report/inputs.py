@@ -70,7 +70,7 @@ def reference_file(scene: str) -> str:
     return f"reference/{scene}.exr"
 
 
-def _render(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
+def image_input(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
     file = image_file(scene, light_samples, pixel_samples)
     command = (
         f"build/bin/penumbra-render scenes/{scene}.json --light-samples {light_samples} "
@@ -79,12 +79,12 @@ def _render(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:
     return Input(file, command, scene)
 
 
-def _reference(scene: str) -> Input:
+def reference_input(scene: str) -> Input:
     file = reference_file(scene)
     return Input(file, f"penumbra reference scenes/{scene}.json -o build/{file}", scene)
 
 
-def _comparisons(scene: str) -> Iterator[Input]:
+def comparison_inputs(scene: str) -> Iterator[Input]:
     """C and Cycles against exact; C against Cycles where the two are of one size."""
     files = {"c": best_image_file(scene), "cycles": reference_file(scene)}
     for image, reference in (("c", "exact"), ("cycles", "exact"), ("c", "cycles")):
@@ -100,15 +100,15 @@ def _comparisons(scene: str) -> Iterator[Input]:
 
 
 IMAGES: tuple[Input, ...] = (
-    _render("tp3", FEW),
-    _render("tp3", FEW, PIXEL_SAMPLES),
-    _render("tp3", FEW * PIXEL_SAMPLES),
-    _render("tp3_statement", 1),
-    *(_render("tp3_statement", n) for n in LIGHT_SAMPLES),
-    *(_render(scene, MOST_LIGHT_SAMPLES[scene]) for scene in SCENES),
-    *(_reference(scene) for scene in SCENES),
+    image_input("tp3", FEW),
+    image_input("tp3", FEW, PIXEL_SAMPLES),
+    image_input("tp3", FEW * PIXEL_SAMPLES),
+    image_input("tp3_statement", 1),
+    *(image_input("tp3_statement", n) for n in LIGHT_SAMPLES),
+    *(image_input(scene, MOST_LIGHT_SAMPLES[scene]) for scene in SCENES),
+    *(reference_input(scene) for scene in SCENES),
 )
-COMPARISONS: tuple[Input, ...] = tuple(c for scene in SCENES for c in _comparisons(scene))
+COMPARISONS: tuple[Input, ...] = tuple(c for scene in SCENES for c in comparison_inputs(scene))
 """The command exits with 1, its file written, where anything does not agree."""
 
 _CONVERGE = (
@@ -169,7 +169,7 @@ def read_inputs(inputs: Sequence[Input], build_dir: Path, scenes_dir: Path) -> D
     there = {i.file: i for i in inputs if i.path(build_dir).is_file()}
     missing = [i for i in inputs if i.needed and i.file not in there]
     if missing:
-        raise ReportError("\n".join(str(_unusable(i, build_dir, "no such file")) for i in missing))
+        raise ReportError("\n".join(str(unusable(i, build_dir, "no such file")) for i in missing))
     files = {i.scene: scenes_dir / f"{i.scene}.json" for i in inputs}
     scenes = {name: read_scene(file) for name, file in files.items()}
     read = {i.file: _read(i, build_dir) for i in there.values()}
@@ -186,7 +186,7 @@ def read_inputs(inputs: Sequence[Input], build_dir: Path, scenes_dir: Path) -> D
     )
 
 
-def _unusable(item: Input, build_dir: Path, reason: object) -> ReportError:
+def unusable(item: Input, build_dir: Path, reason: object) -> ReportError:
     return ReportError(f"{item.path(build_dir)}: {reason}; make it with: {item.command}")
 
 
@@ -198,10 +198,10 @@ def _read(item: Input, build_dir: Path) -> Any:
     except ImageError as error:  # names the file itself
         raise ReportError(f"{error}; make it with: {item.command}") from error
     except (OSError, ValueError, csv.Error) as error:
-        raise _unusable(item, build_dir, error) from error
+        raise unusable(item, build_dir, error) from error
     missing = [k for k in item.keys if not isinstance(value, dict) or k not in value]
     if missing:
-        raise _unusable(item, build_dir, f"has no {', '.join(missing)}")
+        raise unusable(item, build_dir, f"has no {', '.join(missing)}")
     return value
 
 
@@ -221,4 +221,4 @@ def _check_scene(item: Input, build_dir: Path, image: Image, scene: Scene) -> No
     shown = image.attributes.get("sceneHash")
     if shown != scene.hash:
         reason = f"shows a scene of hash {shown}, but {scene.name} is now {scene.hash}"
-        raise _unusable(item, build_dir, reason)
+        raise unusable(item, build_dir, reason)

@@ -34,7 +34,7 @@ class Section:
     build: Callable[[Data], dict[str, Any]]
     """makes what its template shows, and finds there under the section's name"""
     optional: bool = False
-    """left out where an input that it needs is missing"""
+    """left out where none of its inputs is there"""
 
 
 SECTIONS = (

@@ -16,7 +16,7 @@ from report import figures
 from report.figures import Crop
 from report.inputs import Data, Input
 from report.pictures import detail, edge_window
-from report.words import digits, fixed, interval, percent
+from report.words import digits, fixed, interval, percent, region_title
 
 TRADE = Input(
     "trade/tp3.json",
@@ -30,13 +30,13 @@ SHAPES = {"area": "circle", "textbook": "triangle", "solid-angle": "diamond"}
 OTHER_SHAPE = "star"
 FRACTIONS = {-0.5: "−1/2", -0.75: "−3/4", -1.0: "−1", -1.5: "−3/2"}
 SLOPE_REGIONS = ("lit", "penumbra", "all")
-TITLES = {"all": "all objects"}
 VERDICTS = {
-    "reached": ("agrees", "✓"),
-    "missed": ("differs", "✕"),
-    "impossible": ("differs", "✕"),
-    "undecided": ("undecided", "?"),
+    "reached": "agrees",
+    "missed": "differs",
+    "impossible": "differs",
+    "undecided": "undecided",
 }
+"""As agreement's verdicts look"""
 
 
 def trade(data: Data) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def _plot(measured: dict[str, Any]) -> dict[str, Any]:
         "scene": measured["scene"],
         "series": list(series.values()),
         "points": points,
-        "regions": [{"name": r, "title": TITLES.get(r, r)} for r in measured["regions"]],
+        "regions": [{"name": r, "title": region_title(r)} for r in measured["regions"]],
         "threads": _threads(measured),
         "targets": [{"y": t, "text": error_text(t)} for t in measured["targets"]],
     }
@@ -148,7 +148,7 @@ def _method(row: dict[str, Any]) -> str:
 
 def _row(row: dict[str, Any]) -> dict[str, Any]:
     return {
-        "region": TITLES.get(row["region"], row["region"]),
+        "region": region_title(row["region"]),
         "threads": row["threads"],
         "method": _method(row),
         "n": row["light_samples"] or "–",
@@ -177,7 +177,7 @@ def _answers(answers: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
                 "others": {o["name"]: _other(o) for o in a["others"]},
             }
         )
-    return [{"title": TITLES.get(r, r), "rows": rows} for r, rows in groups.items()]
+    return [{"title": region_title(r), "rows": rows} for r, rows in groups.items()]
 
 
 def _other(other: dict[str, Any]) -> str:
@@ -188,14 +188,12 @@ def _other(other: dict[str, Any]) -> str:
 
 def _trial(trial: dict[str, Any]) -> dict[str, Any]:
     result, best = trial["result"], trial["best"]
-    tone, sign = VERDICTS[trial["verdict"]]
     return {
         "scene": trial["scene"],
         "goal": f"{error_text(trial['target'])} {place(trial['region'])}",
         "options": trial["options"],
         "verdict": trial["verdict"],
-        "tone": tone,
-        "sign": sign,
+        "tone": VERDICTS[trial["verdict"]],
         "error": error_text(result["relative_rmse"]) if result else "–",
         "time": duration(result["seconds"]) if result else "–",
         "best": "–" if best is None else f"{options(best)}, {duration(best['seconds'])}",
@@ -211,7 +209,7 @@ def _slopes(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for s in slopes:
         rows.setdefault(_method(s), {})[s["region"]] = _slope(s)
     return {
-        "regions": [TITLES.get(r, r) for r in regions],
+        "regions": [region_title(r) for r in regions],
         "rows": [{"method": m, "cells": [cells[r] for r in regions]} for m, cells in rows.items()],
     }
 

@@ -9,6 +9,10 @@ from typing import Any
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def region_title(region: str) -> str:
+    return "all objects" if region == "all" else region
+
+
 def size_of(values: dict[str, Any]) -> str:
     return f"{values['width']} × {values['height']}"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import json
 import os
 import re
@@ -18,6 +19,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from cli import arguments as cli_arguments
 from compare.exact.image import exact_image
 from compare.measure.image import Image, read_image, write_exr
 from compare.scene import dump_scene, read_scene
@@ -251,6 +253,11 @@ def test_stopped_converge_says_where_its_results_are(
     assert not list(tmp_path.glob("x*"))
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+def test_doctests_hold() -> None:
+    tried = doctest.testmod(cli_arguments)
+    assert tried.attempted and not tried.failed
 
 
 def test_output_can_be_cut_short_by_a_pipe(scene: Path) -> None:

@@ -26,7 +26,7 @@ from compare.exact.image import exact_image
 from compare.measure.image import Image, read_image, write_exr
 from compare.scene import read_scene
 from report import figures
-from report.build import build
+from report.build import TEMPLATES, build
 from report.inputs import IMAGES, LIGHT_SAMPLES, SCENES, ReportError, image_file
 from report.sections import SECTIONS, inputs_of
 from tests import section
@@ -262,6 +262,19 @@ def test_page_loads_nothing_from_elsewhere(page_file: Path) -> None:
     assert loads
     assert [x[:60] for x in loads if not x.startswith(("#", "data:"))] == []
     assert "@import" not in document.styles
+
+
+def test_contents_are_the_sections_in_their_order(page_file: Path) -> None:
+    """Those that are not optional; and each of the list has a template, and each template is one
+    of the list's, of the page, or included."""
+    tags = _Document(page_file.read_text()).tags
+    shown = [str(a["id"]) for tag, a in tags if tag == "section"]
+    assert shown == [s.name for s in SECTIONS if not s.optional]
+    links = [str(a["href"])[1:] for tag, a in tags if tag == "a"]
+    first = links.index(shown[0])
+    assert links[first : first + len(shown)] == shown
+    templates = {file.name.partition(".")[0] for file in TEMPLATES.glob("*.html.j2")}
+    assert templates == {s.name for s in SECTIONS} | {"page", "macros"}
 
 
 def test_every_picture_has_a_text_alternative(page_file: Path) -> None:

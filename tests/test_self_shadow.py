@@ -42,6 +42,7 @@ from compare.studies.self_shadow import (
     write_map,
 )
 from report import self_shadow as report
+from report import words
 from report.figures import rate_colours
 from report.inputs import ReportError
 from report.words import digits
@@ -497,6 +498,6 @@ def test_a_rate_is_coloured_by_the_step_that_it_does_not_exceed() -> None:
 
 
 def test_doctests_hold() -> None:
-    for module in (self_shadow, report):
+    for module in (self_shadow, report, words):
         tried = doctest.testmod(module)
         assert tried.attempted and not tried.failed

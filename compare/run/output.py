@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import os
 import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,21 @@ def write_json(file: Path, value: Any) -> None:
     """Write JSON that is whole or absent. Raises OSError; ValueError for NaN."""
     text = json.dumps(value, indent=1, allow_nan=False) + "\n"
     write_whole(file, lambda part: part.write_text(text))
+
+
+def write_csv(file: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write a CSV file that is whole or absent; what a row lacks is left empty.
+
+    Raises OSError; ValueError for a row that has other columns.
+    """
+
+    def write(part: Path) -> None:
+        with part.open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+
+    write_whole(file, write)
 
 
 def _standard_stream(found: os.stat_result) -> int | None:

@@ -8,8 +8,8 @@ import platform
 import shlex
 import sys
 import tomllib
-from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 VERSION: str = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
@@ -29,6 +29,8 @@ def cores() -> int:
 
 def versions() -> dict[str, str]:
     """Versions of Penumbra, Python and the libraries that numbers pass through."""
+    from importlib import metadata  # slow to load, and `--help` does without
+
     libraries = {name: metadata.version(name) for name in ("numpy", "scipy", "OpenEXR")}
     return {"penumbra": VERSION, "python": platform.python_version(), **libraries}
 
@@ -36,6 +38,11 @@ def versions() -> dict[str, str]:
 def command_line() -> str:
     """The command that is running, to be typed again."""
     return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def origin() -> dict[str, Any]:
+    """Where a result comes from: command, machine and versions."""
+    return {"command": command_line(), "machine": machine(), "versions": versions()}
 
 
 def file_hash(*files: Path) -> str:

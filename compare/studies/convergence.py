@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import math
 import shutil
@@ -25,7 +24,7 @@ from compare.measure.image import EIGHT_BIT, Image, ImageError, read_image
 from compare.measure.slope import Slope, fit_slope, rmse_interval
 from compare.run import provenance
 from compare.run.journal import Journal
-from compare.run.output import write_json, write_whole
+from compare.run.output import write_csv, write_json
 from compare.run.renderers import Job, Renderer, RendererError
 from compare.scene import Scene, read_scene
 
@@ -123,7 +122,7 @@ def converge(study: ConvergenceStudy) -> dict[str, Any]:
         ]
         rows = [row for curve, images in measured for row in _rows(solved, curve, images)]
         result = _summary(solved, rows, measured)
-        write_whole(study.file(".csv"), lambda part: _write_csv(part, rows))
+        write_csv(study.file(".csv"), COLUMNS, rows)
         write_json(study.file(".json"), result)
         journal.delete()
     return result
@@ -412,13 +411,6 @@ def _rows(solved: _SolvedScene, curve: Curve, images: Iterable[_Measured]) -> li
     return rows
 
 
-def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def _summary(
     solved: _SolvedScene,
     rows: Sequence[dict[str, Any]],
@@ -443,9 +435,7 @@ def _summary(
         "seeds": study.seeds,
         "pixel_grid": study.pixel_grid,
         "reference": None if study.reference is None else str(study.reference),
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
         "renderers": renderers,
         "slopes": fits.slopes,
         "without_slope": fits.without_slope,

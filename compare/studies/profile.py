@@ -54,9 +54,7 @@ def profile(
         "end": end,
         "along": along.tolist(),
         "rows": rows,
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
     }
     write_json(out, result)
     return result

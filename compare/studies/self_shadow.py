@@ -9,7 +9,6 @@ direction and the test is, and "rounding" says how much of that no start could h
 
 from __future__ import annotations
 
-import csv
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +23,7 @@ from scipy import stats
 from tqdm import tqdm
 
 from compare.run import provenance
-from compare.run.output import write_json, write_whole
+from compare.run.output import write_csv, write_json
 from compare.run.renderers import MissingProgramError
 from compare.scene import Scene, read_scene
 
@@ -421,20 +420,11 @@ def write_map(out: Path, rays: int = RAYS) -> dict[str, Any]:
         "scales": SCALES,
         "scenes": {scene.name: scene.text for scene in aimed_scenes()},
         "verdict": verdict(rows),
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
     }
-    write_whole(out.with_name(out.name + ".csv"), lambda part: _write_csv(part, rows))
+    write_csv(out.with_name(out.name + ".csv"), COLUMNS, rows)
     write_json(out.with_name(out.name + ".json"), result)
     return result
-
-
-def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 @cache

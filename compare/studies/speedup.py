@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from tqdm import tqdm
 
 from compare.measure.image import read_image
 from compare.run import provenance
-from compare.run.output import write_json, write_whole
+from compare.run.output import write_csv, write_json
 from compare.run.renderers import Job, penumbra_renderer
 from compare.scene import read_scene
 
@@ -74,12 +73,10 @@ def speedup(
         "height": scene.height,
         "light_samples": light_samples,
         "repeats": repeats,
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
         "rows": summary(rows),
     }
-    write_whole(out, lambda part: _write_csv(part, rows))
+    write_csv(out, COLUMNS, rows)
     write_json(out.with_suffix(".json"), result)
     return result
 
@@ -105,10 +102,3 @@ def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         }
         for threads, seconds in sorted(times.items())
     ]
-
-
-def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)

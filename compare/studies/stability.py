@@ -7,7 +7,6 @@ compare.exact.image's. The images are tiny: what breaks, breaks in every pixel.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import subprocess
@@ -26,7 +25,7 @@ from compare.exact.image import exact_image
 from compare.measure.image import read_image
 from compare.run import provenance
 from compare.run.library import PRECISIONS, PROGRAM, PixelRenderer, Setting, WarmRenderer
-from compare.run.output import write_json, write_whole
+from compare.run.output import write_csv, write_json
 from compare.run.renderers import RendererError
 from compare.scene import read_scene
 from compare.studies import yardstick
@@ -281,9 +280,7 @@ def study(out: Path, budget: str = "full") -> dict[str, Any]:
         "seed": SEED,
         "size": [WIDTH, HEIGHT],
         "budget": budget,
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
         "images": len(rows),
         "nan": sum(r.nan for r in rows),
         "inf": sum(r.inf for r in rows),
@@ -293,8 +290,8 @@ def study(out: Path, budget: str = "full") -> dict[str, Any]:
         "trust": trust,
         "sums": sums,
     }
-    fields = list(asdict(rows[0]))
-    write_whole(out.with_suffix(".csv"), lambda part: _write_csv(part, fields, rows))
+    written = [asdict(row) for row in rows]
+    write_csv(out.with_suffix(".csv"), list(written[0]), written)
     write_json(out.with_suffix(".json"), result)
     return result
 
@@ -308,13 +305,6 @@ def _thinned(values: tuple[float, ...], every: int) -> tuple[float, ...]:
     return tuple(
         v for i, v in enumerate(values) if i % every == 0 or v == 0 or i == len(values) - 1
     )
-
-
-def _write_csv(part: Path, fields: list[str], rows: Sequence[Row]) -> None:
-    with part.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, fields, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
 
 
 def _summary(sweep: Sweep, rows: list[Row], scenes: Path) -> dict[str, Any]:

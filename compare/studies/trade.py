@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
 import tempfile
@@ -21,7 +20,7 @@ from compare.measure.image import Image, read_image, write_exr
 from compare.measure.slope import fit_slope, rmse_interval
 from compare.run import provenance
 from compare.run.library import Setting, WarmRenderer
-from compare.run.output import write_json, write_whole
+from compare.run.output import write_csv, write_json
 from compare.run.renderers import Job, Renderer
 from compare.scene import Scene, read_scene
 from compare.studies import choice
@@ -141,9 +140,7 @@ def trade(study: TradeStudy) -> dict[str, Any]:
         "max_seconds": study.max_seconds,
         "regions": list(measured.masks),
         "targets": list(study.targets),
-        "command": provenance.command_line(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions(),
+        **provenance.origin(),
         "rows": rows,
         "slopes": slopes(measured, frames),
         "answers": answers,
@@ -151,7 +148,7 @@ def trade(study: TradeStudy) -> dict[str, Any]:
         "verdict": choice.verdict_text(trials),
         "strips": _strips(measured, rows, threads[-1]) if study.keep_images else {},
     }
-    write_whole(study.file(".csv"), lambda part: _write_csv(part, measured, frames))
+    write_csv(study.file(".csv"), COLUMNS, _csv_rows(measured, frames))
     write_json(study.file(".json"), result)
     return result
 
@@ -444,29 +441,26 @@ def _setting(row: dict[str, Any]) -> Setting:
 # Files
 
 
-def _write_csv(file: Path, measured: _MeasuredScene, frames: Sequence[Frame]) -> None:
+def _csv_rows(measured: _MeasuredScene, frames: Sequence[Frame]) -> list[dict[str, Any]]:
     """A row a frame and region."""
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        for f in frames:
-            for region, mse in f.mse.items():
-                writer.writerow(
-                    {
-                        "scene": measured.scene.name,
-                        "renderer": f.renderer,
-                        "sampler": f.setting.sampler or "",
-                        "estimator": f.setting.estimator,
-                        "light_samples": f.setting.light_samples or "",
-                        "threads": f.setting.threads,
-                        "seed": f.seed,
-                        "region": region,
-                        "pixels": int(measured.masks[region].sum()),
-                        "seconds": f.seconds,
-                        "mse": mse,
-                        "relative_rmse": math.sqrt(mse / measured.mean_square[region]),
-                    }
-                )
+    return [
+        {
+            "scene": measured.scene.name,
+            "renderer": f.renderer,
+            "sampler": f.setting.sampler or "",
+            "estimator": f.setting.estimator,
+            "light_samples": f.setting.light_samples or "",
+            "threads": f.setting.threads,
+            "seed": f.seed,
+            "region": region,
+            "pixels": int(measured.masks[region].sum()),
+            "seconds": f.seconds,
+            "mse": mse,
+            "relative_rmse": math.sqrt(mse / measured.mean_square[region]),
+        }
+        for f in frames
+        for region, mse in f.mse.items()
+    ]
 
 
 def _strips(
