@@ -510,7 +510,9 @@ def _add_scene_commands(add: Any) -> None:
         "have found, and a verdict. The exit status is 0 only if every region agrees.",
         "penumbra compare mine.exr exact --scene scenes/tp3.json",
     )
-    compare.add_argument("image", type=Path, metavar="IMAGE", help=".exr, .pfm, .png or .jpg")
+    compare.add_argument(
+        "image", type=Path, metavar="IMAGE", help=".exr, .pfm, .hdr, .png, .jpg or .bmp"
+    )
     compare.add_argument(
         "reference", metavar="REFERENCE", help="an image, or `exact` for the exact solution"
     )
@@ -528,7 +530,9 @@ def _add_scene_commands(add: Any) -> None:
         "Save an image as the lab does: clamped to [0, 1], times 255, no gamma.",
         "penumbra png build/images/tp3.exr -o tp3.png",
     )
-    png.add_argument("image", type=Path, metavar="IMAGE", help=".exr, .pfm, .png or .jpg")
+    png.add_argument(
+        "image", type=Path, metavar="IMAGE", help=".exr, .pfm, .hdr, .png, .jpg or .bmp"
+    )
     _out_argument(png, "OUT.png", *PICTURES)
 
 
@@ -568,7 +572,7 @@ def _add_converge(add: Any) -> None:
         "--image-suffix",
         default=".exr",
         metavar="SUFFIX",
-        help="what {out} ends in: .exr, .pfm, .png or .jpg [.exr]",
+        help="what {out} ends in: .exr, .pfm, .hdr, .png, .jpg or .bmp [.exr]",
     )
     converge.add_argument(
         "--timeout",
