@@ -28,6 +28,9 @@ PASS, FAIL, USAGE, MISSING, SIGNALLED = 0, 1, 2, 3, 128
 library is missing; SIGNALLED + n: ended by signal n, as a shell says it (130 is Ctrl-C)."""
 
 
+IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
+
+
 class UsageError(ValueError):
     """Options that do not go together; the text says which."""
 
@@ -510,9 +513,7 @@ def _add_scene_commands(add: Any) -> None:
         "have found, and a verdict. The exit status is 0 only if every region agrees.",
         "penumbra compare mine.exr exact --scene scenes/tp3.json",
     )
-    compare.add_argument(
-        "image", type=Path, metavar="IMAGE", help=".exr, .pfm, .hdr, .png, .jpg or .bmp"
-    )
+    compare.add_argument("image", type=Path, metavar="IMAGE", help=IMAGE_FILES)
     compare.add_argument(
         "reference", metavar="REFERENCE", help="an image, or `exact` for the exact solution"
     )
@@ -530,9 +531,7 @@ def _add_scene_commands(add: Any) -> None:
         "Save an image as the lab does: clamped to [0, 1], times 255, no gamma.",
         "penumbra png build/images/tp3.exr -o tp3.png",
     )
-    png.add_argument(
-        "image", type=Path, metavar="IMAGE", help=".exr, .pfm, .hdr, .png, .jpg or .bmp"
-    )
+    png.add_argument("image", type=Path, metavar="IMAGE", help=IMAGE_FILES)
     _out_argument(png, "OUT.png", *PICTURES)
 
 
@@ -572,7 +571,7 @@ def _add_converge(add: Any) -> None:
         "--image-suffix",
         default=".exr",
         metavar="SUFFIX",
-        help="what {out} ends in: .exr, .pfm, .hdr, .png, .jpg or .bmp [.exr]",
+        help=f"what {{out}} ends in: {IMAGE_FILES} [.exr]",
     )
     converge.add_argument(
         "--timeout",

@@ -262,9 +262,8 @@ def _read_hdr(path: Path) -> Image:
     height, width = int(sides[1]), int(sides[2])
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
         raise ImageError(f"{path}: {width} x {height} pixels, not 1 to {MAX_SIDE} a side")
-    exposure = math.prod(
-        float(v) for k, _, v in (x.partition(b"=") for x in lines) if k == b"EXPOSURE"
-    )
+    exposures = [line[9:] for line in lines if line.startswith(b"EXPOSURE=")]
+    exposure = math.prod(map(float, exposures))  # already multiplied in
     if not 1e-30 < exposure < 1e30:
         raise ImageError(f"{path}: an exposure of {exposure}")
     rows, start = [], 0
@@ -282,6 +281,8 @@ def _hdr_row(data: bytes, start: int, width: int) -> tuple[np.ndarray, int]:
     """(width, 4) uint8, and where the next row starts. Raises ValueError."""
     if not (width >= 8 and data[start : start + 4] == bytes((2, 2, *divmod(width, 256)))):
         end = start + 4 * width
+        if end > len(data):
+            raise ValueError("its pixels are damaged or cut short")
         pixels = np.frombuffer(data[start:end], np.uint8).reshape(width, 4)
         if (pixels[:, :3] == 1).all(axis=1).any():  # no pixel: its largest byte is above 127
             raise ValueError("run lengths of the kind that was given up in 1991")
