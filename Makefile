@@ -71,8 +71,10 @@ $(1)/lib/libpenumbra$(5).so: $(patsubst %,$(1)/obj$(5)/%.o,$(filter-out io/main,
 	@mkdir -p $$(@D)
 	$(3) $$(C_FLAGS) $(4) -shared $$^ $$(LIB_LDFLAGS) -o $$@.part && mv $$@.part $$@
 
-# Fused multiply-add where pixels are made, all of it, so that inlining changes no bit. Elsewhere,
-# and so in the scene reader and the exact irradiance, C99's plain arithmetic.
+# Fused multiply-add where pixels are made, in all of it alike: the textbook's pixels are the same
+# bits in program and library. Of packets, where the compiler's inlining decides what is fused, a
+# few on a rim differ in the last ones. Elsewhere, and so in the scene reader and the textbook's
+# exact irradiance, C99's plain arithmetic.
 $(addprefix $(1)/obj$(5)/,$(CONTRACTED:%=%.o)): C_FLAGS += -ffp-contract=fast
 
 -include $(C_NAMES:%=$(1)/obj$(5)/%.d)

@@ -10,6 +10,8 @@ from typing import TypeAlias
 from compare.run.output import named
 
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
+"""What is read as an image"""
 
 
 def sample_counts(text: str) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ import math
 import sys
 from pathlib import Path
 
-from cli.arguments import Subcommands, add_subcommand
+from cli.arguments import IMAGE_FILES, Subcommands, add_subcommand
 from compare.run.output import named
 
 
@@ -21,7 +21,7 @@ def add(subcommands: Subcommands) -> None:
         "have found, and a verdict. The exit status is 0 only if every region agrees.",
         "penumbra compare mine.exr exact --scene scenes/tp3.json",
     )
-    parser.add_argument("image", type=Path, metavar="IMAGE", help=".exr, .pfm, .png or .jpg")
+    parser.add_argument("image", type=Path, metavar="IMAGE", help=IMAGE_FILES)
     parser.add_argument(
         "reference", metavar="REFERENCE", help="an image, or `exact` for the exact solution"
     )

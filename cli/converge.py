@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cli.arguments import (
+    IMAGE_FILES,
     Subcommands,
     add_scene,
     add_size,
@@ -59,7 +60,7 @@ def add(subcommands: Subcommands) -> None:
         "--image-suffix",
         default=".exr",
         metavar="SUFFIX",
-        help="what {out} ends in: .exr, .pfm, .png or .jpg [.exr]",
+        help=f"what {{out}} ends in: {IMAGE_FILES} [.exr]",
     )
     parser.add_argument(
         "--timeout",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cli.arguments import Subcommands, add_out, add_subcommand
+from cli.arguments import IMAGE_FILES, Subcommands, add_out, add_subcommand
 from cli.exit import PASS
 from compare.run.output import PICTURES
 
@@ -18,7 +18,7 @@ def add(subcommands: Subcommands) -> None:
         "Save an image as the lab does: clamped to [0, 1], times 255, no gamma.",
         "penumbra png build/images/tp3.exr -o tp3.png",
     )
-    parser.add_argument("image", type=Path, metavar="IMAGE", help=".exr, .pfm, .png or .jpg")
+    parser.add_argument("image", type=Path, metavar="IMAGE", help=IMAGE_FILES)
     add_out(parser, "OUT.png", *PICTURES)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,13 @@ def built(product: str) -> Path:
     if not path.exists():
         pytest.fail(f"build/{product} is missing: run `make build` (`make test` does)")
     return path
+
+
+def default_signals() -> None:
+    """For preexec_fn of programs that are to be stopped: what runs in a shell's background
+    (`make test &`) inherits that SIGINT is ignored."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,7 @@ from cli import arguments as cli_arguments
 from compare.exact.image import exact_image
 from compare.measure.image import Image, read_image, write_exr
 from compare.scene import dump_scene, read_scene
+from tests.conftest import default_signals
 
 ROOT = Path(__file__).resolve().parent.parent
 SUBCOMMANDS = (
@@ -239,7 +240,10 @@ def test_stopped_converge_says_where_its_results_are(
     command = [sys.executable, str(ROOT / "penumbra.py"), "converge", str(scene)]
     command += ["--renderer", f"{script} {{scene}} {{light_samples}} {{seed}} {{out}}"]
     process = subprocess.Popen(
-        [*command, "-o", str(tmp_path / "x")], stderr=subprocess.PIPE, text=True
+        [*command, "-o", str(tmp_path / "x")],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=default_signals,
     )
     deadline = time.monotonic() + 60
     while not ((tmp_path / "pid").exists() and (tmp_path / "pid").read_text().strip()):

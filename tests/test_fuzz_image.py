@@ -21,6 +21,7 @@ import pytest
 from compare.measure.image import Image, ImageError, read_image, write_exr
 from tests.campaign import rounds
 from tests.conftest import ROOT
+from tests.test_image import deep_png, hdr
 
 HEIGHT, WIDTH = 37, 29
 COMPRESSIONS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB", "ZSTD")
@@ -80,8 +81,13 @@ def whole_files() -> list[tuple[str, bytes]]:
     files += [("exr", exr(channels=six)), ("exr", exr(images=2)), ("exr", exr(dtype=np.uint32))]
     files += [("png", picture("PNG", mode)) for mode in ("RGB", "RGBA", "L", "P", "1")]
     files += [("jpg", picture("JPEG", mode)) for mode in ("RGB", "L", "CMYK")]
-    pixels = np.random.default_rng(52).random((HEIGHT, WIDTH, 3)).astype("<f4").tobytes()
-    return files + [("pfm", f"PF\n{WIDTH} {HEIGHT}\n-1.0\n".encode() + pixels)] * 3
+    files += [("bmp", picture("BMP", mode)) for mode in ("RGB", "RGBA", "L", "P")]
+    draw = np.random.default_rng(52)
+    deep = [(c, draw.integers(0, 65536, (HEIGHT, WIDTH, n))) for c, n in ((2, 3), (6, 4), (0, 1))]
+    files += [("png", deep_png(values, colour)) for colour, values in deep]
+    pixels = draw.random((HEIGHT, WIDTH, 3)).astype("<f4")
+    files += [("hdr", hdr(pixels, packed)) for packed in (False, True)] * 2
+    return files + [("pfm", f"PF\n{WIDTH} {HEIGHT}\n-1.0\n".encode() + pixels.tobytes())] * 3
 
 
 def damaged(data: bytes, draw: random.Random) -> bytes:

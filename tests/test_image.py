@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import struct
@@ -17,7 +18,7 @@ from PIL import Image as PillowImage
 
 from compare.measure.image import Image, ImageError, read_image, write_display, write_exr
 
-WIDTH, HEIGHT = 7, 5
+WIDTH, HEIGHT = 9, 5
 
 
 def picture(seed: int = 40) -> Image:
@@ -34,11 +35,41 @@ def pfm(values: np.ndarray, scale: str = "-1.0", kind: str = "PF") -> bytes:
     return f"{kind}\n{width} {height}\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
 
 
+def hdr(radiance: np.ndarray, packed: bool = True, header: bytes = b"") -> bytes:
+    """As Ward's rgbe.c writes it: truncated bytes; in runs of equal ones or not."""
+    largest = radiance.max(axis=-1, keepdims=True)
+    _, exponent = np.frexp(largest)
+    scaled = np.ldexp(np.maximum(radiance, 0), 8 - exponent)
+    exponent = np.where(largest > 0, exponent + 128, 0)
+    pixels = np.concatenate([scaled, exponent], axis=-1).astype(np.uint8)
+    height, width, _ = radiance.shape
+    packed = packed and width >= 8  # so the format wants it
+    data = b"".join(packed_row(row) for row in pixels) if packed else pixels.tobytes()
+    size = f"\n-Y {height} +X {width}\n".encode()
+    return b"#?RADIANCE\n" + header + b"FORMAT=32-bit_rle_rgbe\n" + size + data
+
+
+def packed_row(row: np.ndarray) -> bytes:
+    """Runs of equal bytes as such, single ones as they are."""
+    packed = bytes((2, 2, *divmod(len(row), 256)))
+    for plane in row.T:
+        for value, group in itertools.groupby(plane.tolist()):
+            run = len(list(group))
+            for start in range(0, run, 127):
+                length = min(127, run - start)
+                packed += bytes((128 + length, value) if length > 1 else (1, value))
+    return packed
+
+
 def save(file: Path, image: Image) -> None:
     if file.suffix == ".exr":
         write_exr(file, image)
     elif file.suffix == ".pfm":
         file.write_bytes(pfm(image.radiance))
+    elif file.suffix == ".hdr":
+        file.write_bytes(hdr(image.radiance))
+    elif file.suffix == ".bmp":
+        PillowImage.fromarray((255 * image.radiance.clip(0, 1)).astype(np.uint8)).save(file)
     else:
         write_display(file, image.radiance)
 
@@ -79,7 +110,7 @@ def test_a_pfm_of_either_byte_order_starts_at_the_bottom(scale: str, tmp_path: P
 def test_a_display_png_is_the_labs_clamped_and_truncated_value(tmp_path: Path) -> None:
     """0.999 * 255 = 254.7 is 254, not 255; below 0 and above 1 is cut."""
     values = np.array([-0.5, 0, 0.001, 0.5, 0.999, 1, 7])
-    radiance = np.broadcast_to(values[None, :, None], (HEIGHT, WIDTH, 3))
+    radiance = np.broadcast_to(values[None, :, None], (HEIGHT, len(values), 3))
     write_display(tmp_path / "a.png", radiance)
     assert list(np.asarray(PillowImage.open(tmp_path / "a.png"))[0, :, 0]) == [
         *(0, 0, 0, 127, 254, 255, 255)
@@ -103,23 +134,23 @@ def test_a_display_jpg_keeps_the_labs_colours(tmp_path: Path) -> None:
     assert np.abs(read_image(tmp_path / "a.jpg").radiance - radiance).max() < 4 / 255
 
 
-@pytest.mark.parametrize("suffix", ["exr", "png", "jpg", "pfm"])
+@pytest.mark.parametrize("suffix", ["exr", "png", "jpg", "pfm", "hdr", "bmp"])
 def test_a_file_cut_short_is_refused_unless_all_its_pixels_are_there(
     suffix: str, tmp_path: Path
 ) -> None:
-    """Cut at every byte. A PNG ends in 20 bytes of checksums and end mark, a JPG in 2, that no
-    pixel needs."""
+    """Cut at every byte. A PNG ends in 20 bytes of checksums and end mark, a JPG in 2, a
+    BMP's row in one that fills it up to a multiple of 4, that no pixel needs."""
     whole, cut = tmp_path / f"whole.{suffix}", tmp_path / f"cut.{suffix}"
     save(whole, picture())
     data = whole.read_bytes()
-    tail = {"png": 20, "jpg": 2}.get(suffix, 0)
+    tail = {"png": 20, "jpg": 2, "bmp": 1}.get(suffix, 0)
     for length in range(len(data) - tail):
         cut.write_bytes(data[:length])
         with pytest.raises(ImageError, match=rf"cut\.{suffix}: "):
             read_image(cut)
 
 
-@pytest.mark.parametrize("suffix", ["exr", "png", "jpg", "pfm"])
+@pytest.mark.parametrize("suffix", ["exr", "png", "jpg", "pfm", "hdr", "bmp"])
 def test_any_other_file_under_an_images_name_is_refused(suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"x.{suffix}"
     for content in (b"", b"{}", os.urandom(2000), b"PF\n" * 300, b"\0" * 5000):
@@ -128,7 +159,7 @@ def test_any_other_file_under_an_images_name_is_refused(suffix: str, tmp_path: P
             read_image(file)
 
 
-@pytest.mark.parametrize("suffix", ["exr", "png", "jpg", "pfm"])
+@pytest.mark.parametrize("suffix", ["exr", "png", "jpg", "pfm", "hdr", "bmp"])
 def test_a_damaged_file_is_read_or_refused_but_never_crashes(suffix: str, tmp_path: Path) -> None:
     """300 files with up to five bytes changed; nothing but ImageError may come out."""
     file = tmp_path / f"x.{suffix}"
@@ -194,21 +225,120 @@ def test_a_pfm_whose_header_lies_is_refused(content: bytes, reason: str, tmp_pat
         read_image(tmp_path / "a.pfm")
 
 
-def test_a_picture_of_more_than_eight_bits_is_refused(tmp_path: Path) -> None:
-    """Converted to 8 bits it would be white all over."""
-    PillowImage.fromarray(np.full((4, 4), 40000, np.uint16)).save(tmp_path / "deep.png")
-    with pytest.raises(ImageError, match=r"deep\.png: I;16"):
+def chunk(kind: bytes, data: bytes) -> bytes:
+    """Of a PNG."""
+    check = struct.pack(">I", zlib.crc32(kind + data))
+    return struct.pack(">I", len(data)) + kind + data + check
+
+
+def deep_png(values: np.ndarray, colour: int) -> bytes:
+    """16 bits a channel; values: (H, W, channels); colour: PNG's number of their meaning."""
+    height, width, _ = values.shape
+    header = struct.pack(">IIBBBBB", width, height, 16, colour, 0, 0, 0)
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in values)  # 0: no filter
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*each) for each in chunks)
+
+
+@pytest.mark.parametrize(("colour", "channels"), [(2, 3), (6, 4), (0, 1)])
+def test_a_png_of_16_bits_is_known_to_half_of_its_own_levels(
+    colour: int, channels: int, tmp_path: Path
+) -> None:
+    """RGB, RGBA (opacity is no light and left out) and grey: not one bit is lost."""
+    values = np.random.default_rng(53).integers(0, 65536, (HEIGHT, WIDTH, channels))
+    values[0, 0], values[0, 1] = 0, 65535
+    (tmp_path / "deep.png").write_bytes(deep_png(values, colour))
+    image = read_image(tmp_path / "deep.png")
+    expected = np.broadcast_to((values[..., :3] + 0.5) / 65535, (HEIGHT, WIDTH, 3))
+    assert (image.radiance == expected).all()
+    assert image.clipped and np.all(image.rounding == 0.5 / 65535)
+
+
+def test_grey_with_opacity_in_16_bits_is_refused(tmp_path: Path) -> None:
+    """Pillow would give the high bytes alone."""
+    (tmp_path / "deep.png").write_bytes(deep_png(np.full((4, 4, 2), 40000), 4))
+    with pytest.raises(ImageError, match=r"deep\.png: LA;16B pixels, not 8 or 16 bits"):
         read_image(tmp_path / "deep.png")
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "P"])
+def test_a_bmp_is_read_as_a_png_of_the_same_pixels(mode: str, tmp_path: Path) -> None:
+    """24 and 32 bits, grey and 256 colours."""
+    values = np.random.default_rng(54).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    same = PillowImage.fromarray(values).convert(mode)
+    for suffix in ("bmp", "png"):
+        same.save(tmp_path / f"a.{suffix}")
+    bmp, png = read_image(tmp_path / "a.bmp"), read_image(tmp_path / "a.png")
+    assert (bmp.radiance == png.radiance).all()
+    assert bmp.clipped and np.all(bmp.rounding == 1 / 510)
+
+
+def test_a_bmp_of_five_bits_a_channel_is_refused(tmp_path: Path) -> None:
+    header = struct.pack("<IiiHHIIiiII", 40, 2, 2, 1, 16, 0, 8, 0, 0, 0, 0)
+    (tmp_path / "a.bmp").write_bytes(b"BM" + struct.pack("<IHHI", 62, 0, 0, 54) + header + bytes(8))
+    with pytest.raises(ImageError, match=r"a\.bmp: BGR;15 pixels, not 8 or 16 bits"):
+        read_image(tmp_path / "a.bmp")
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_an_hdr_is_known_to_half_of_its_last_bit_over_its_whole_range(
+    packed: bool, tmp_path: Path
+) -> None:
+    """A byte v and exponent e stand for (v + 1/2) 2^(e - 136); e = 0 is black. Noise, which does
+    not pack, and a plain field, which does."""
+    draw = np.random.default_rng(55)
+    radiance = 10 ** draw.uniform(-30, 30, (20, 300, 1)) * draw.random((20, 300, 3))
+    radiance[3:9, 10:290] = (0.2, 0.7, 5.0)
+    radiance[12] = 0
+    (tmp_path / "a.hdr").write_bytes(hdr(radiance, packed))
+    image = read_image(tmp_path / "a.hdr")
+    error = np.abs(image.radiance - radiance)
+    assert (error <= np.expand_dims(image.rounding, -1) * (1 + 1e-12)).all()
+    assert (image.radiance[12] == 0).all() and not image.clipped
+    largest = radiance.max(axis=-1)
+    assert (image.rounding <= largest / 256).all() and (image.rounding >= largest / 513).all()
+    # 5 = 0.625 2^3: e = 131, and bytes of 1/32: 6.4, 22.4 and 160, truncated
+    assert (image.radiance[5, 20] == np.array([6.5, 22.5, 160.5]) / 32).all()
+
+
+def test_the_exposure_of_an_hdr_is_taken_out(tmp_path: Path) -> None:
+    """Pixels are radiance times each exposure that the header names."""
+    radiance = np.random.default_rng(56).random((4, 9, 3))
+    (tmp_path / "plain.hdr").write_bytes(hdr(radiance))
+    exposures = b"EXPOSURE=2\nEXPOSURE= 0.25\n"
+    (tmp_path / "exposed.hdr").write_bytes(hdr(radiance, header=exposures))
+    plain, exposed = (read_image(tmp_path / f"{name}.hdr") for name in ("plain", "exposed"))
+    assert (exposed.radiance == 2 * plain.radiance).all()
+    assert np.all(exposed.rounding == 2 * plain.rounding)
+
+
+SMALL_HDR = hdr(np.ones((2, 9, 3)))
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (SMALL_HDR.replace(b"-Y 2 +X 9", b"+X 9 -Y 2"), "starts at its top left"),
+        (SMALL_HDR.replace(b"rgbe", b"xyze"), "not a Radiance picture of RGB"),
+        (SMALL_HDR.replace(b"+X 9", b"+X 7"), "last pixel|longer|cut short"),
+        (SMALL_HDR.replace(b"-Y 2", b"-Y 16385"), "16385 pixels"),
+        (SMALL_HDR.replace(b"-Y 2", b"-Y 16384"), "cannot be read"),
+        (hdr(np.ones((2, 9, 3)), header=b"EXPOSURE=0\n"), "an exposure of 0"),
+        (hdr(np.ones((2, 9, 3)), header=b"EXPOSURE=nan\n"), "an exposure of nan"),
+        (hdr(np.ones((2, 9, 3)), header=b"EXPOSURE=much\n"), "cannot be read"),
+        (SMALL_HDR + b"\0", "1 bytes after its last pixel"),
+        (hdr(np.ones((1, 2, 3)), False)[:-8] + bytes((1, 1, 1, 2)) * 2, "given up in 1991"),
+    ],
+)
+def test_an_hdr_whose_header_lies_is_refused(content: bytes, reason: str, tmp_path: Path) -> None:
+    (tmp_path / "a.hdr").write_bytes(content)
+    with pytest.raises(ImageError, match=rf"a\.hdr: .*({reason})"):
+        read_image(tmp_path / "a.hdr")
 
 
 def test_an_enormous_picture_is_refused_before_it_fills_the_memory(tmp_path: Path) -> None:
     """A PNG of 60000 x 60000 pixels in 100 bytes."""
     header = struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        check = struct.pack(">I", zlib.crc32(kind + data))
-        return struct.pack(">I", len(data)) + kind + data + check
-
     data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
     (tmp_path / "bomb.png").write_bytes(data)
     with pytest.raises(ImageError, match=r"bomb\.png"):

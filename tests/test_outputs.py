@@ -23,7 +23,7 @@ import pytest
 
 from compare.measure.image import Image, read_image, write_exr
 from tests.campaign import rounds
-from tests.conftest import ROOT
+from tests.conftest import ROOT, default_signals
 
 PENUMBRA = [sys.executable, str(ROOT / "penumbra.py")]
 RENDER = [str(ROOT / "build" / "bin" / "penumbra-render")]
@@ -185,7 +185,7 @@ def test_a_render_stopped_while_it_writes_leaves_no_part(
     command += ["--width", "3000", "--height", "2000"]
     for _ in range(10):
         out.write_text("of an earlier run")
-        with subprocess.Popen(command) as process:
+        with subprocess.Popen(command, preexec_fn=default_signals) as process:
             while process.poll() is None and not part.exists():
                 time.sleep(0.001)
             process.send_signal(signal.SIGSTOP)
@@ -251,6 +251,7 @@ def stop(command: str, outputs: str, folder: Path, sent: signal.Signals, delay: 
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=default_signals,
     )
     if program == "penumbra":
         wait_until_ready(process)
@@ -293,7 +294,14 @@ def test_a_signal_after_the_work_is_done_changes_nothing(
     first = f"import atexit, signal; atexit.register(signal.raise_signal, {int(sent)})\n"
     (tmp_path / "sitecustomize.py").write_text(first)
     env = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    run = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
+    run = subprocess.run(
+        command,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        preexec_fn=default_signals,
+    )
     assert (run.returncode, run.stderr) == (0, "")
     wrong = [*PENUMBRA, "scene", str(tmp_path / "none.json")]
     run = subprocess.run(wrong, env=env, capture_output=True, text=True, timeout=120)
@@ -301,7 +309,9 @@ def test_a_signal_after_the_work_is_done_changes_nothing(
     draw = random.Random(int(sent))
     for _ in range(5):
         out.unlink()
-        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, preexec_fn=default_signals
+        ) as process:
             while process.poll() is None and not out.exists():
                 time.sleep(0.001)
             time.sleep(draw.uniform(0, 0.1))
@@ -319,6 +329,7 @@ def test_each_signal_has_its_own_status(folder: Path) -> None:
             cwd=folder,
             stderr=subprocess.PIPE,
             text=True,
+            preexec_fn=default_signals,
         ) as process:
             wait_until_ready(process)
             process.send_signal(sent)

@@ -15,6 +15,7 @@ import pytest
 from scipy import stats
 
 from compare.measure.image import CHANNELS, Image, read_image
+from compare.run.library import Setting, WarmRenderer
 from compare.scene import read_scene
 
 Render = Callable[..., Image]
@@ -260,3 +261,16 @@ def test_channels_are_32_bit_floats_by_name(renderer: Path, scenes: Path, tmp_pa
         channels = {name: c.pixels.dtype for name, c in exr.channels().items()}
     names = [*CHANNELS, *(f"variance.{c}" for c in CHANNELS)]
     assert channels == dict.fromkeys(names, np.dtype(np.float32))
+
+
+@pytest.mark.parametrize("scene", ["tp3", "three_spheres"])
+def test_program_and_library_give_the_same_textbook_image(
+    scene: str, render: Render, scenes: Path
+) -> None:
+    """Bit for bit: both are compiled alike."""
+    program = render(
+        scenes / f"{scene}.json", estimator="textbook", light_samples=2, width=150, height=100
+    )
+    library = WarmRenderer(scenes / f"{scene}.json", 150, 100)
+    library.render(Setting("independent", "textbook", 2, 1), 0)
+    assert (program.radiance == library.radiance.transpose(1, 2, 0)).all()

@@ -20,7 +20,7 @@ from scipy import ndimage
 from compare.exact.image import LIT, ExactImage, exact_image, regions
 from compare.exact.receivers import camera_hits
 from compare.measure.bounds import geometry_range
-from compare.measure.image import EIGHT_BIT, Image, read_image
+from compare.measure.image import Image, read_image
 from compare.measure.metrics import luminance, measure_regions
 from compare.measure.statistics import (
     CONFIDENCE,
@@ -46,8 +46,6 @@ CONSISTENT_FRACTION = 0.999
 ROUNDING = 2.0**-20
 """What float32 arithmetic may add to a pixel, relative to the brightest one: 16 roundings of
 2^-24. (Relative to itself a dark pixel may be further off: n.l near 0 is a difference.)"""
-EIGHT_BIT_ERROR = 1 / 510
-"""Half a level of an 8-bit image."""
 SCATTER_RANGE, SCATTER_COUNT = 2.0, 16
 """scatter_test takes a mean of 16 samples for normal if each is within a factor of 2 of any
 other: their skewness is then below 0.1 (docs/statistics.md)."""
@@ -155,7 +153,6 @@ def compare_files(
         names=(str(image_file), str(reference_file)),
         delta=delta,
         confidence=confidence,
-        eight_bit=any(Path(file).suffix.lower() in EIGHT_BIT for file in files),
     )
     metrics = measure_regions(
         images[0].radiance, reference.radiance, regions(scene, exact), perceptual=perceptual
@@ -192,15 +189,14 @@ def agreement(
     names: tuple[str, str] = ("image", "reference"),
     delta: float | None = None,
     confidence: float = CONFIDENCE,
-    eight_bit: bool = False,
 ) -> list[Row]:
     """A row for each region of compare.exact.regions but the silhouettes.
 
     exact: the exact solution at the image's size (for the regions, and for what a sample may
     be); made if it is not given. delta: relative bias that still agrees; DELTA by default,
-    DELTA_CYCLES if an image comes in independent parts, as Cycles references do. eight_bit:
-    values are known to EIGHT_BIT_ERROR and not at all above 1, so pixels whose samples may
-    exceed 1 are left out. Raises ComparisonError for arrays of other shapes, NaN or infinite
+    DELTA_CYCLES if an image comes in independent parts, as Cycles references do. A clipped
+    image's values are not known at all above 1, so pixels whose samples may exceed 1 are left
+    out. Raises ComparisonError for arrays of other shapes, NaN or infinite
     values, and a delta or confidence that is none.
 
     verdict: "agrees" if the interval of the bias lies within +-delta; "differs" if it lies
@@ -217,7 +213,7 @@ def agreement(
     if not (0 < delta < math.inf and 0 < confidence < 1):
         raise ComparisonError(f"delta {delta} must be above 0, confidence {confidence} in (0, 1)")
 
-    case = _Case.of(image, reference, scene, exact, eight_bit)
+    case = _Case.of(image, reference, scene, exact)
     if not case.masks:
         raise ComparisonError(f"{names[0]}, {names[1]}: no pixel of {scene.name} can be compared")
     tests = {region: case.region_test(region, confidence) for region in case.masks}
@@ -388,23 +384,21 @@ class _Case:
         reference: Image | ExactImage,
         scene: Scene,
         exact: ExactImage,
-        eight_bit: bool = False,
     ) -> _Case:
         pair = [one for one in (image, reference) if isinstance(one, Image)]
         low, high = sample_range(scene, exact, max(_pixel_samples(one) for one in pair))
         masks = {k: v for k, v in regions(scene, exact).items() if k != "silhouette"}
         brightest = np.abs(luminance(reference.radiance)).max(where=exact.object_id >= 0, initial=0)
         rounding = ROUNDING * float(brightest)
-        if eight_bit:
-            rounding = EIGHT_BIT_ERROR
+        if any(one.clipped for one in pair):
             unclipped = high.max(axis=-1) <= 1
             masks = {k: v & unclipped for k, v in masks.items() if (v & unclipped).any()}
         if isinstance(reference, Image):
-            other = estimate(reference, rounding)
+            other = estimate(reference, np.maximum(rounding, reference.rounding))
         else:
             other = Estimate.known(reference.radiance, reference.error_bound)
         return _Case(
-            estimate(image, rounding),
+            estimate(image, np.maximum(rounding, image.rounding)),
             other,
             exact.shadow == LIT,
             exact.object_id,

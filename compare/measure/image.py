@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import os
+import re
 import threading
 import warnings
 from collections.abc import Iterator
@@ -15,11 +17,14 @@ from typing import Any
 import numpy as np
 import OpenEXR
 from PIL import Image as PillowImage
+from PIL.ImageFile import ImageFile as PillowImageFile
 
 from compare.run.output import PICTURES, write_whole
 
 CHANNELS = ("R", "G", "B")
-EIGHT_BIT = (".png", ".jpg", ".jpeg")
+PIXELS = ("RGB", "RGBA", "L", "P", "CMYK", "YCbCr")
+DEEP = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
+"""Pillow's layouts of 8 bits a channel; of 16, each with the other byte order"""
 MAX_SIDE, MAX_TILE_SIDE = 16384, 4096
 """Most pixels in a row or column of an EXR, as in scenes/scene.schema.json, and of its tiles. The
 library believes a header: without a limit, 7 kB that claimed a large tile took 7 GB."""
@@ -47,6 +52,10 @@ class Image:
     """(H, W, 3) float64: variance of each pixel's mean; None where it is not known"""
     attributes: dict[str, str | int | float] = field(default_factory=dict)
     """header attributes: sceneHash, lightSamples, seed, ..."""
+    rounding: np.ndarray | float = 0.0
+    """(H, W) [W m^-2 sr^-1]: half a step of what the file's pixels can say, where that is much"""
+    clipped: bool = False
+    """values were cut to [0, 1]"""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -55,10 +64,13 @@ class Image:
 
 
 def read_image(file: str | Path) -> Image:
-    """Read .exr, .pfm (float, little or big endian), or an 8-bit .png or .jpg.
+    """Read .exr, .pfm (float, little or big endian), .hdr (Radiance), .png (8 or 16 bits a
+    channel), .jpg or .bmp (8 bits a channel, or a palette).
 
     An 8-bit image is taken as the lab saves it, clamped to [0, 1], times 255 and truncated:
-    v stands for (v + 1/2) / 255, so it is known to +-1/510 and not at all above 1.
+    v stands for (v + 1/2) / 255, so it is known to +-1/510 and not at all above 1. So are 16
+    bits, to +-1/131070, and the bytes of .hdr, to half of what one counts: 1/256 to 1/512 of
+    the largest channel.
     Raises ImageError for a file that is missing, cut short, of another kind, of several images,
     without R, G, B, or with NaN, infinite or (variance) negative values.
     """
@@ -71,10 +83,12 @@ def read_image(file: str | Path) -> Image:
             image = _read_exr(path)
         elif suffix == ".pfm":
             image = Image(_read_pfm(path))
-        elif suffix in EIGHT_BIT:
-            image = Image((_read_eight_bit(path) + 0.5) / 255)
+        elif suffix == ".hdr":
+            image = _read_hdr(path)
+        elif suffix in (*PICTURES, ".bmp"):
+            image = _read_picture(path)
         else:
-            raise ImageError(f"{path}: not an .exr, .pfm, .png or .jpg file")
+            raise ImageError(f"{path}: not an .exr, .pfm, .hdr, .png, .jpg or .bmp file")
     except ImageError:
         raise
     except UNREADABLE as error:
@@ -198,15 +212,97 @@ def _no_output() -> Iterator[None]:
         os.close(null)
 
 
-def _read_eight_bit(path: Path) -> np.ndarray:
+def _read_picture(path: Path) -> Image:
+    picture = _open_picture(path)
+    with picture:
+        raw = _raw_mode(picture)
+        if raw == "I;16B":
+            grey = np.asarray(picture, dtype=np.float64)
+            return _from_levels(np.stack([grey] * 3, axis=-1), 65535)
+        if picture.mode not in PIXELS or ";15" in raw or (raw not in DEEP and ";16" in raw):
+            raise ImageError(f"{path}: {raw or picture.mode} pixels, not 8 or 16 bits a channel")
+        values = np.asarray(picture.convert("RGB"), dtype=np.float64)
+    if raw not in DEEP:
+        return _from_levels(values, 255)
+    # Pillow gives the high bytes alone. Of the other byte order it takes the low ones for them.
+    with _open_picture(path) as picture:
+        picture.tile = [tile._replace(args=DEEP[raw]) for tile in picture.tile]
+        low = np.asarray(picture.convert("RGB"), dtype=np.float64)
+    return _from_levels(256 * values + low, 65535)
+
+
+def _open_picture(path: Path) -> PillowImageFile:
     with warnings.catch_warnings():
         warnings.simplefilter("error", PillowImage.DecompressionBombWarning)
         # Of these kinds only: Pillow knows forty, of which one starts another program.
-        picture = PillowImage.open(path, formats=("PNG", "JPEG"))
-    with picture:
-        if picture.mode not in ("RGB", "RGBA", "L", "P", "CMYK", "YCbCr"):
-            raise ImageError(f"{path}: {picture.mode} pixels, not 8 bits a channel")
-        return np.asarray(picture.convert("RGB"), dtype=np.float64)
+        return PillowImage.open(path, formats=("PNG", "JPEG", "BMP"))
+
+
+def _raw_mode(picture: PillowImageFile) -> str:
+    """What Pillow calls the layout of the file's pixels; "" if it has none."""
+    arguments = picture.tile[0].args if picture.tile else ""
+    return str(arguments[0] if isinstance(arguments, tuple) else arguments)
+
+
+def _from_levels(values: np.ndarray, levels: int) -> Image:
+    """values: (H, W, 3), 0 to levels"""
+    half = np.full(values.shape[:2], 0.5 / levels)
+    return Image((values + 0.5) / levels, rounding=half, clipped=True)
+
+
+def _read_hdr(path: Path) -> Image:
+    """Radiance's pixels: three bytes and the power of two that they share. Each byte stands for
+    its middle, as Radiance itself reads it. https://radsite.lbl.gov/radiance/refer/filefmts.pdf"""
+    header, _, rest = path.read_bytes().partition(b"\n\n")
+    size, _, data = rest.partition(b"\n")
+    lines = [line.strip() for line in header.split(b"\n")]
+    sides = re.fullmatch(rb"-Y (\d{1,5}) \+X (\d{1,5})", size)
+    if lines[0][:2] != b"#?" or b"FORMAT=32-bit_rle_rgbe" not in lines or not sides:
+        raise ImageError(f"{path}: not a Radiance picture of RGB that starts at its top left")
+    height, width = int(sides[1]), int(sides[2])
+    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
+        raise ImageError(f"{path}: {width} x {height} pixels, not 1 to {MAX_SIDE} a side")
+    exposures = [line[9:] for line in lines if line.startswith(b"EXPOSURE=")]
+    exposure = math.prod(map(float, exposures))  # already multiplied in
+    if not 1e-30 < exposure < 1e30:
+        raise ImageError(f"{path}: an exposure of {exposure}")
+    rows, start = [], 0
+    for _ in range(height):
+        row, start = _hdr_row(data, start, width)
+        rows.append(row)
+    if start != len(data):
+        raise ImageError(f"{path}: {len(data) - start} bytes after its last pixel")
+    pixels = np.stack(rows)
+    step = np.where(pixels[..., 3] > 0, np.ldexp(1 / exposure, pixels[..., 3].astype(int) - 136), 0)
+    return Image((pixels[..., :3] + 0.5) * step[..., None], rounding=step / 2)
+
+
+def _hdr_row(data: bytes, start: int, width: int) -> tuple[np.ndarray, int]:
+    """(width, 4) uint8, and where the next row starts. Raises ValueError."""
+    if not (width >= 8 and data[start : start + 4] == bytes((2, 2, *divmod(width, 256)))):
+        end = start + 4 * width
+        if end > len(data):
+            raise ValueError("its pixels are damaged or cut short")
+        pixels = np.frombuffer(data[start:end], np.uint8).reshape(width, 4)
+        if (pixels[:, :3] == 1).all(axis=1).any():  # no pixel: its largest byte is above 127
+            raise ValueError("run lengths of the kind that was given up in 1991")
+        return pixels, end
+    start += 4
+    planes = bytearray()
+    for plane in range(1, 5):
+        while len(planes) < plane * width:
+            count = data[start] if start < len(data) else 0
+            if count == 0:
+                raise ValueError("its pixels are damaged or cut short")
+            if count > 128:
+                planes += data[start + 1 : start + 2] * (count - 128)
+                start += 2
+            else:
+                planes += data[start + 1 : start + 1 + count]
+                start += 1 + count
+        if len(planes) > plane * width:
+            raise ValueError("a row is longer than the picture is wide")
+    return np.frombuffer(planes, np.uint8).reshape(4, width).T, start
 
 
 def _read_pfm(path: Path) -> np.ndarray:

@@ -19,7 +19,7 @@ from typing import IO, Protocol
 
 from compare.run.provenance import ROOT, cores, file_hash
 
-SUFFIXES = (".exr", ".pfm", ".png", ".jpg")
+SUFFIXES = (".exr", ".pfm", ".hdr", ".png", ".jpg", ".bmp")
 REQUIRED = ("scene", "light_samples", "seed", "out")
 OPTIONAL = ("width", "height", "pixel_samples", "threads")
 TIMEOUT = 600.0

@@ -7,7 +7,7 @@ import math
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +20,7 @@ from tqdm import tqdm
 from compare.exact import image as exact
 from compare.measure import metrics
 from compare.measure.agreement import ROUNDING
-from compare.measure.image import EIGHT_BIT, Image, ImageError, read_image
+from compare.measure.image import Image, ImageError, read_image
 from compare.measure.slope import Slope, fit_slope, rmse_interval
 from compare.run import provenance
 from compare.run.journal import Journal
@@ -40,7 +40,7 @@ PIXEL_GRID = 4
 """Positions along a pixel's side that the anti-aliased truth is the mean of (exact_image)."""
 FLOOR = 4.0
 """An error is used for slopes if its square is this many times what the truth or the file's
-8 bits may account for: the RMSE is then overstated by no more than 12%."""
+rounding may account for: the RMSE is then overstated by no more than 12%."""
 CONFIDENCE = 0.95
 
 MEASURES = ("relative_bias", "mse", "rmse", "relative_rmse", "rel_mse", "mae")
@@ -139,15 +139,10 @@ class _Truth:
     error_bound: np.ndarray
     """(H, W) bound on the error of radiance's largest channel"""
 
-    def region_floor(self, region: str, eight_bit: bool) -> float:
-        """MSE that the truth's own error, or the image file's 8 bits, may account for."""
+    def region_floor(self, region: str) -> float:
+        """MSE that the truth's own error may account for."""
         mask = self.regions[region]
-        squared = mse_floor(self.radiance, self.error_bound, mask)
-        if eight_bit:
-            # Rounding to 1/255, where a channel is not simply black or white.
-            shown = (self.radiance[mask] > 0) & (self.radiance[mask] < 1)
-            squared += float(np.mean(shown)) / (12 * 255**2)
-        return squared
+        return mse_floor(self.radiance, self.error_bound, mask)
 
 
 def mse_floor(radiance: np.ndarray, error_bound: np.ndarray, mask: np.ndarray) -> float:
@@ -279,7 +274,8 @@ class _Measured:
     pixel_samples: int
     seed: int
     values: dict[str, Any]
-    """{"seconds", "clock", "software", "regions": {region: {measure: number or None}}}"""
+    """{"seconds", "clock", "software", "regions": {region: {measure: number or None}},
+    "rounding": {region: MSE that the file's rounding accounts for}}"""
 
 
 def _jobs(curve: Curve, solved: _SolvedScene) -> list[Job]:
@@ -341,7 +337,7 @@ def _measure(job: Job, file: Path, wall_seconds: float, solved: _SolvedScene) ->
     """Measures of one image by region.
 
     Time is the header's renderSeconds where the image has it, else the command's wall time.
-    An 8-bit image (v + 1/2) / 255 is measured against the truth within what it can say.
+    A clipped image is measured against the truth within what it can say.
     """
     image = read_image(file)
     if image.shape != (solved.height, solved.width):
@@ -350,8 +346,12 @@ def _measure(job: Job, file: Path, wall_seconds: float, solved: _SolvedScene) ->
         )
     truth = solved.truth(job.pixel_samples)
     radiance = truth.radiance
-    if file.suffix in EIGHT_BIT:
-        radiance = np.where(radiance >= 1, 255.5 / 255, np.maximum(radiance, 0.5 / 255))
+    half = np.broadcast_to(np.expand_dims(image.rounding, -1), radiance.shape)
+    if image.clipped:
+        radiance = np.where(radiance >= 1, 1 + half, np.maximum(radiance, half))
+    # A third of half a step squared, where a channel is not simply black or white.
+    is_rounded = (truth.radiance > 0) & ~(image.clipped & (truth.radiance >= 1))
+    squared = np.where(is_rounded, half**2, 0) / 3
     regions = {}
     for region, mask in truth.regions.items():
         values = {
@@ -367,6 +367,7 @@ def _measure(job: Job, file: Path, wall_seconds: float, solved: _SolvedScene) ->
         "clock": "rendering" if "renderSeconds" in image.attributes else "whole command",
         "software": str(image.attributes.get("software", "")),
         "regions": regions,
+        "rounding": {name: float(squared[mask].mean()) for name, mask in truth.regions.items()},
     }
 
 
@@ -426,7 +427,13 @@ def _summary(
         }
         for curve, images in measured
     }
-    fits = _Fits(solved, rows)
+    rounding = {
+        (curve.renderer.label, image.pixel_samples, region): mse
+        for curve, images in measured
+        for image in images
+        for region, mse in image.values["rounding"].items()
+    }
+    fits = _Fits(solved, rows, rounding)
     return {
         "scene": solved.scene.name,
         "scene_hash": solved.scene.hash,
@@ -446,24 +453,25 @@ def _summary(
 class _Fits:
     """Slopes and curves of every (renderer, pixel samples, region, truth)."""
 
-    def __init__(self, solved: _SolvedScene, rows: Sequence[dict[str, Any]]) -> None:
+    def __init__(
+        self,
+        solved: _SolvedScene,
+        rows: Sequence[dict[str, Any]],
+        rounding: Mapping[tuple[str, int, str], float],
+    ) -> None:
         self.solved = solved
         self.slopes: list[dict[str, Any]] = []
         self.without_slope: list[dict[str, Any]] = []
         self.curves: list[dict[str, Any]] = []
-        eight_bit = {
-            curve.renderer.label
-            for curve in solved.study.curves
-            if curve.renderer.suffix in EIGHT_BIT
-        }
         groups: dict[tuple[str, int, str], list[dict[str, Any]]] = {}
         for row in rows:
             key = row["renderer"], row["pixel_samples"], row["region"]
             groups.setdefault(key, []).append(row)
-        for (renderer, pixel_samples, region), group in groups.items():
+        for key, group in groups.items():
+            renderer, pixel_samples, region = key
             name = {"renderer": renderer, "pixel_samples": pixel_samples, "region": region}
             truth = solved.truth(pixel_samples)
-            floor = FLOOR * truth.region_floor(region, renderer in eight_bit)
+            floor = FLOOR * (truth.region_floor(region) + rounding[key])
             self._fit(name | {"against": "exact"}, group, "mse", floor=floor)
             if "mse_against_cycles" in group[0]:
                 _, error = solved.reference_noise(region)
