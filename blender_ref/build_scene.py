@@ -14,7 +14,18 @@ from collections.abc import Iterable
 import bpy
 from mathutils import Matrix, Vector
 
-from compare.scene import Plane, PointLight, QuadLight, Scene, Sphere, Vec3
+from compare.scene import (
+    DiskLight,
+    Light,
+    Plane,
+    PointLight,
+    QuadLight,
+    Scene,
+    Sphere,
+    SphereLight,
+    TriangleLight,
+    Vec3,
+)
 
 DISC_SIDES = 4096
 """The polygon falls short of its circle by 3e-7 of the radius: 1e-5 pixels of a 4K horizon."""
@@ -43,12 +54,8 @@ def build_scene(scene: Scene, aspect: float) -> bpy.types.Scene:
         _sphere(scene, sphere)
     for plane in scene.planes:
         _plane(scene, plane)
-    for quad in scene.quad_lights:
-        if max(quad.radiance) > 0:
-            _quad_light(quad)
-    for point in scene.point_lights:
-        if max(point.radiant_intensity) > 0:
-            _point_light(point)
+    for light in scene.lights:
+        _light(light)
     return bpy.context.scene
 
 
@@ -305,11 +312,17 @@ def _radius_of_cut(ball: float, height: float) -> float:
 
 
 def _farthest_light(scene: Scene) -> float:
-    corners = [p.position for p in scene.point_lights]
-    for light in scene.quad_lights:
-        for s, t in ((0, 0), (1, 0), (0, 1), (1, 1)):
-            corners.append(_quad_point(light, s, t))
-    return max((_distance(scene, c) for c in corners), default=0.0)
+    """No point of a light is farther from the camera than this [m]."""
+    distances = [0.0]
+    for light in scene.lights:
+        match light:
+            case PointLight():
+                distances.append(_distance(scene, light.position))
+            case QuadLight() | TriangleLight():
+                distances += [_distance(scene, corner) for corner in _corners(light)]
+            case DiskLight() | SphereLight():
+                distances.append(_distance(scene, light.center) + light.radius)
+    return max(distances)
 
 
 # Lights
@@ -325,23 +338,43 @@ def _cycles_radiance(value: Vec3) -> tuple[float, Vec3]:
     return math.pi * strength, (r, g, b)
 
 
-def _quad_point(light: QuadLight, s: float, t: float) -> Vec3:
+def _light(light: Light) -> None:
+    """A lamp where Cycles has its shape, else a mesh; the camera sees neither."""
+    emitted = light.radiant_intensity if isinstance(light, PointLight) else light.radiance
+    if max(emitted) == 0:
+        return
+    match light:
+        case PointLight():
+            thing = _point_light(light)
+        case QuadLight() if _is_rectangle(light):
+            thing = _rectangle(light)
+        case QuadLight() | TriangleLight():
+            thing = _mesh_light(light)
+        case DiskLight():
+            thing = _disk_light(light)
+        case SphereLight():
+            thing = _sphere_light(light)
+    thing.visible_camera = False
+
+
+def _is_rectangle(light: QuadLight) -> bool:
+    """Cycles' area lights cannot be sheared."""
+    u, v = light.edge_u, light.edge_v
+    cosine = sum(a * b for a, b in zip(u, v, strict=True)) / (math.hypot(*u) * math.hypot(*v))
+    return abs(cosine) <= PERPENDICULAR
+
+
+def _place(light: QuadLight | TriangleLight, s: float, t: float) -> Vec3:
     x, y, z = (
         c + s * u + t * v for c, u, v in zip(light.corner, light.edge_u, light.edge_v, strict=True)
     )
     return x, y, z
 
 
-def _quad_light(light: QuadLight) -> None:
-    """A rectangle is an area light; Cycles' area lights cannot be sheared, a mesh can."""
-    size_u, size_v = math.hypot(*light.edge_u), math.hypot(*light.edge_v)
-    cosine = sum(u * v for u, v in zip(light.edge_u, light.edge_v, strict=True))
-    thing = (
-        _rectangle(light, size_u, size_v)
-        if abs(cosine) <= PERPENDICULAR * size_u * size_v
-        else _parallelogram(light)
-    )
-    thing.visible_camera = False
+def _corners(light: QuadLight | TriangleLight) -> list[Vec3]:
+    """Counter-clockwise about the normal."""
+    ends = ((1, 0), (1, 1), (0, 1)) if isinstance(light, QuadLight) else ((1, 0), (0, 1))
+    return [light.corner, *(_place(light, s, t) for s, t in ends)]
 
 
 def _lamp(name: str, kind: str, energy: float, colour: Vec3) -> bpy.types.Light:
@@ -360,30 +393,41 @@ def _lamp(name: str, kind: str, energy: float, colour: Vec3) -> bpy.types.Light:
     return light
 
 
-def _rectangle(quad: QuadLight, size_u: float, size_v: float) -> bpy.types.Object:
-    """L = P / (pi A), emitted along local -Z: Blender >= 4.0, an area light with spread pi."""
-    radiance, colour = _cycles_radiance(quad.radiance)
-    light = _lamp(quad.name, "AREA", math.pi * quad.area * radiance, colour)
-    light.shape = "RECTANGLE"
-    light.size, light.size_y = size_v, size_u
-    light.spread = math.pi
-    thing = _add(quad.name, light)
+def _rectangle(quad: QuadLight) -> bpy.types.Object:
+    thing = _area_light(quad, "RECTANGLE")
+    thing.data.size, thing.data.size_y = math.hypot(*quad.edge_v), math.hypot(*quad.edge_u)
     # v, u, n: the reflection of the axes has turned the right-handed u, v, n round.
-    thing.matrix_world = _frame(quad.edge_v, quad.edge_u, quad.normal, _quad_point(quad, 0.5, 0.5))
+    thing.matrix_world = _frame(quad.edge_v, quad.edge_u, quad.normal, _place(quad, 0.5, 0.5))
     return thing
 
 
-def _parallelogram(quad: QuadLight) -> bpy.types.Object:
+def _disk_light(disk: DiskLight) -> bpy.types.Object:
+    thing = _area_light(disk, "DISK")
+    thing.data.size = 2 * disk.radius
+    turn = _turned(disk.normal).to_track_quat("Z", "Y")  # local +Z along the normal
+    thing.matrix_world = Matrix.LocRotScale(_turned(disk.center), turn, None)
+    return thing
+
+
+def _area_light(light: QuadLight | DiskLight, shape: str) -> bpy.types.Object:
+    """L = P / (pi A), emitted along local -Z: Blender >= 4.0, an area light with spread pi."""
+    radiance, colour = _cycles_radiance(light.radiance)
+    lamp = _lamp(light.name, "AREA", math.pi * light.area * radiance, colour)
+    lamp.shape = shape
+    lamp.spread = math.pi
+    return _add(light.name, lamp)
+
+
+def _mesh_light(light: QuadLight | TriangleLight) -> bpy.types.Object:
     """A mesh that emits L = strength from its front alone and casts no shadow.
 
-    Counter-clockwise u, v is clockwise in Blender's axes: the front is where -n faces.
+    What is counter-clockwise about n is clockwise in Blender's axes: the front is where -n faces.
     """
-    radiance, colour = _cycles_radiance(quad.radiance)
-    corners = [_quad_point(quad, s, t) for s, t in ((0, 0), (1, 0), (1, 1), (0, 1))]
-    centre = _turned(_quad_point(quad, 0.5, 0.5))
-    mesh = bpy.data.meshes.new(quad.name)
-    mesh.from_pydata([_turned(c) - centre for c in corners], [], [(0, 1, 2, 3)])
-    material = bpy.data.materials.new(quad.name)
+    radiance, colour = _cycles_radiance(light.radiance)
+    corners = [_turned(corner) for corner in _corners(light)]
+    mesh = bpy.data.meshes.new(light.name)
+    mesh.from_pydata([corner - corners[0] for corner in corners], [], [range(len(corners))])
+    material = bpy.data.materials.new(light.name)
     material.diffuse_color = (*colour, 1)
     tree = _node_tree(material)
     output = tree.nodes.new("ShaderNodeOutputMaterial")
@@ -397,18 +441,31 @@ def _parallelogram(quad: QuadLight) -> bpy.types.Object:
     tree.links.new(front.outputs["Shader"], output.inputs["Surface"])
     material.cycles.emission_sampling = "FRONT"
     mesh.materials.append(material)
-    thing = _add(quad.name, mesh)
-    thing.location = centre
+    thing = _add(light.name, mesh)
+    thing.location = corners[0]
     thing.visible_shadow = False
     return thing
 
 
-def _point_light(point: PointLight) -> None:
-    """I = P / (4 pi): a sphere light's L = P / (pi 4 pi r^2), seen as a disc of pi r^2."""
-    intensity, colour = _cycles_radiance(point.radiant_intensity)
-    light = _lamp(point.name, "POINT", 4 * math.pi * intensity, colour)
-    light.shadow_soft_size = 0
-    light.use_soft_falloff = False
-    thing = _add(point.name, light)
-    thing.location = _turned(point.position)
-    thing.visible_camera = False
+def _point_light(point: PointLight) -> bpy.types.Object:
+    """I = P / (4 pi)."""
+    return _bulb(point.name, point.position, 0, 4 * math.pi, point.radiant_intensity)
+
+
+def _sphere_light(sphere: SphereLight) -> bpy.types.Object:
+    """L = P / (pi A)."""
+    scale = math.pi * sphere.area
+    return _bulb(sphere.name, sphere.center, sphere.radius, scale, sphere.radiance)
+
+
+def _bulb(
+    name: str, centre: Vec3, radius: float, scale: float, emitted: Vec3
+) -> bpy.types.Object:
+    """Blender's point light: scale * emitted watts."""
+    strength, colour = _cycles_radiance(emitted)
+    light = _lamp(name, "POINT", scale * strength, colour)
+    light.shadow_soft_size = radius
+    light.use_soft_falloff = False  # else a disc that turns to each receiver
+    thing = _add(name, light)
+    thing.location = _turned(centre)
+    return thing
