@@ -73,10 +73,23 @@ def check_supported(scene: Scene) -> None:
                 f'the colour of "{thing.name}" is so dark (mean under {MIN_WEIGHT:g}) '
                 "that Cycles takes it for black; make it 0, or lighter and the lights weaker"
             )
+        for light in scene.sphere_lights:
+            if abs(_to_surface(thing, light.center)) < light.radius:
+                raise UnsupportedScene(
+                    f'"{thing.name}" reaches into the sphere light "{light.name}"; '
+                    "Cycles would light what is inside of it"
+                )
     if transparent_surfaces(scene) > MAX_TRANSPARENT_SURFACES:
         raise UnsupportedScene(
             f"more than {MAX_TRANSPARENT_SURFACES // 2} spheres are cut by ray_max_distance"
         )
+
+
+def _to_surface(thing: Sphere | Plane, point: Vec3) -> float:
+    """How far outside of a sphere or above a plane the point is [m]."""
+    if isinstance(thing, Sphere):
+        return math.dist(point, thing.center) - thing.radius
+    return _height(thing, point)
 
 
 def transparent_surfaces(scene: Scene) -> int:
@@ -131,7 +144,7 @@ def _camera(scene: Scene, aspect: float) -> None:
     nearest = min(
         [scene.ray_max_distance]
         + [_distance(scene, s.center) - s.radius for s in scene.spheres]
-        + [abs(_height(scene, p)) for p in scene.planes]
+        + [abs(_height(p, scene.camera.position)) for p in scene.planes]
     )
     camera.clip_start = max(1e-6, 0.5 * nearest / math.hypot(1, slope, slope * aspect))
     camera.clip_end = 2 * scene.ray_max_distance
@@ -255,7 +268,7 @@ def _plane(scene: Scene, plane: Plane) -> None:
     convex. Where a light is farther away, a ring around the disc, out to the ball that holds
     the light too, casts the rest of the infinite plane's shadow; the camera does not see it.
     """
-    height = _height(scene, plane)
+    height = _height(plane, scene.camera.position)
     disc = _radius_of_cut(scene.ray_max_distance, height)
     reach = _radius_of_cut(1.001 * _farthest_light(scene), height)
     material = _diffuse(scene, plane)
@@ -292,17 +305,14 @@ def _add_flat(
     return thing
 
 
-def _height(scene: Scene, plane: Plane) -> float:
-    """The camera's signed distance from the plane [m]."""
-    return sum(
-        n * (c - p)
-        for n, c, p in zip(plane.normal, scene.camera.position, plane.point, strict=True)
-    )
+def _height(plane: Plane, point: Vec3) -> float:
+    """The point's signed distance from the plane [m]."""
+    return sum(n * (c - p) for n, c, p in zip(plane.normal, point, plane.point, strict=True))
 
 
 def _foot(scene: Scene, plane: Plane) -> Vec3:
     """The point of the plane that is nearest to the camera."""
-    height = _height(scene, plane)
+    height = _height(plane, scene.camera.position)
     x, y, z = (c - height * n for c, n in zip(scene.camera.position, plane.normal, strict=True))
     return x, y, z
 
