@@ -468,9 +468,7 @@ def _sphere_light(sphere: SphereLight) -> bpy.types.Object:
     return _bulb(sphere.name, sphere.center, sphere.radius, scale, sphere.radiance)
 
 
-def _bulb(
-    name: str, centre: Vec3, radius: float, scale: float, emitted: Vec3
-) -> bpy.types.Object:
+def _bulb(name: str, centre: Vec3, radius: float, scale: float, emitted: Vec3) -> bpy.types.Object:
     """Blender's point light: scale * emitted watts."""
     strength, colour = _cycles_radiance(emitted)
     light = _lamp(name, "POINT", scale * strength, colour)
