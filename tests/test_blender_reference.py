@@ -232,15 +232,15 @@ SHAPE_CASES: dict[str, dict[str, Any]] = {
             | {"color": [1, 1, 0.2], "power": 20}
         ],
     },
-    # upright before the sky, so that the floor behind them is dark but for the sphere's light
+    # upright before the sky, towards the camera: the floor behind them is dark
     "in_view": {
         "quad_lights": None,
         "triangle_lights": [
-            {"name": "triangle", "position": [-2, -0.5, 6], "u": [2.5, 0.2, 0.5]}
+            {"name": "triangle", "position": [-4, 0.5, 6], "u": [2.5, 0.2, 0.5]}
             | {"v": [0.5, 2, 0.3], "color": [1, 1, 1], "power": 20}
         ],
         "disk_lights": [
-            {"name": "disk", "center": [2.5, 1, 6], "normal": [0.5, -0.2, -1], "radius": 1}
+            {"name": "disk", "center": [2.5, 1.2, 6], "normal": [0.3, 0.2, 1], "radius": 1}
             | {"color": [1, 1, 1], "power": 20}
         ],
     },
