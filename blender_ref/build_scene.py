@@ -31,6 +31,13 @@ DISC_SIDES = 4096
 """The polygon falls short of its circle by 3e-7 of the radius: 1e-5 pixels of a 4K horizon."""
 PERPENDICULAR = 1e-6
 """Cosine of u and v below which a quad is a rectangle: the float32 of Blender's matrices."""
+NEAR = 0.1
+"""Distance from a mesh light's plane, in its longest edges, from which on its samples are spread
+over its area. Nearer by, Cycles spreads them over the solid angle, and those that rounding puts
+beside the triangle are lost: measured, one in 10,000 at 0.02 sr, one in 200 at 5e-4 sr. It does so
+where edge > distance / (2 area of the triangle), of whatever unit."""
+MAX_PIECES = 200
+"""A side: 80,000 triangles."""
 MIN_WEIGHT = 1e-5
 """Cycles drops a BSDF whose mean over r, g, b is smaller (CLOSURE_WEIGHT_CUTOFF)."""
 MAX_TRANSPARENT_SURFACES = 1024
@@ -434,9 +441,8 @@ def _mesh_light(light: QuadLight | TriangleLight) -> bpy.types.Object:
     What is counter-clockwise about n is clockwise in Blender's axes: the front is where -n faces.
     """
     radiance, colour = _cycles_radiance(light.radiance)
-    corners = [_turned(corner) for corner in _corners(light)]
     mesh = bpy.data.meshes.new(light.name)
-    mesh.from_pydata([corner - corners[0] for corner in corners], [], [range(len(corners))])
+    mesh.from_pydata(*_pieces(light))
     material = bpy.data.materials.new(light.name)
     material.diffuse_color = (*colour, 1)
     tree = _node_tree(material)
@@ -452,9 +458,28 @@ def _mesh_light(light: QuadLight | TriangleLight) -> bpy.types.Object:
     material.cycles.emission_sampling = "FRONT"
     mesh.materials.append(material)
     thing = _add(light.name, mesh)
-    thing.location = corners[0]
+    thing.location = _turned(light.corner)
     thing.visible_shadow = False
     return thing
+
+
+def _pieces(
+    light: QuadLight | TriangleLight,
+) -> tuple[list[Vector], list[tuple[int, int]], list[tuple[int, int, int]]]:
+    """Vertices, from the corner on, no edges, and equal triangles so small that Cycles spreads
+    their samples over the area: see NEAR."""
+    n = min(MAX_PIECES, math.ceil((2 * light.area / NEAR) ** (1 / 3)))
+    edge_u, edge_v = _turned(light.edge_u), _turned(light.edge_v)
+    vertices = [(edge_u * i + edge_v * j) / n for j in range(n + 1) for i in range(n + 1)]
+    end = n if isinstance(light, TriangleLight) else 2 * n  # of i + j
+    faces = []
+    for j in range(n):
+        for i in range(min(n, end - j)):
+            here, above = j * (n + 1) + i, (j + 1) * (n + 1) + i
+            faces.append((here, here + 1, above))
+            if i + j + 2 <= end:
+                faces.append((here + 1, above + 1, above))
+    return vertices, [], faces
 
 
 def _point_light(point: PointLight) -> bpy.types.Object:
