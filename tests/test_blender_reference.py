@@ -288,6 +288,20 @@ def test_cycles_agrees_with_the_c_renderer(
             assert abs(((a - b) ** 2).sum() / v.sum() - 1) < 5 * np.sqrt(2 / counted * (1 + 1 / 7))
 
 
+@cycles
+def test_no_sample_of_a_distant_mesh_light_is_lost(make_scene: Callable[..., Path]) -> None:
+    """One sample for each of 2,400 pixels, 25 to 150 m from the light. As a single triangle it
+    would be sampled by its solid angle, and 41 of them come back black."""
+    scene_file = make_scene(
+        "tp3_triangle",
+        spheres=None,
+        ray_max_distance=300,
+        camera={"position": [0, 20, 20], "look_at": [0, -2, 60], "up": [0, 1, 0], "fov_y_deg": 40},
+    )
+    with Cycles(scene_file, 60, 40) as cycles:
+        assert (cycles.render(1, 0).radiance[..., 0] > 0).all()
+
+
 def _without_new_shapes(scene: Scene) -> Scene:
     """The same objects and hard shadows."""
     return dataclasses.replace(scene, disk_lights=(), triangle_lights=(), sphere_lights=())
