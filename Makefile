@@ -107,7 +107,8 @@ build: $(SELF_SHADOW)
 
 PENUMBRA := .venv/bin/penumbra
 RENDER   := build/bin/penumbra-render
-SCENES   := tp3 tp3_statement tp3_point
+SCENES   := tp3 tp3_statement tp3_point \
+            tp3_disk tp3_sphere tp3_triangle tp3_sheared tp3_two_lights
 
 ## render : the lab's scene: build/tp3.exr, and build/tp3.png as the lab saves it
 .PHONY: render
@@ -134,13 +135,15 @@ build/images/%.exr: scenes/$$(call scene,$$*).json $(RENDER)
 reference: $(SCENES:%=build/reference/%.exr)
 
 # As many samples as it takes to tell a bias of 0.1%; a point light has no noise.
-SAMPLES_tp3           := 256
-SAMPLES_tp3_statement := 128
-SAMPLES_tp3_point     := 16
+SAMPLES            := 128
+SAMPLES_tp3        := 256
+SAMPLES_tp3_point  := 16
+SAMPLES_tp3_disk   := 256
+SAMPLES_tp3_sphere := 256
 # Without Cycles (exit status 3): the small reference that the repository holds.
 build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.run
 	@mkdir -p $(@D)
-	$(PENUMBRA) reference $< -o $@ --samples $(SAMPLES_$*) || \
+	$(PENUMBRA) reference $< -o $@ --samples $(or $(SAMPLES_$*),$(SAMPLES)) || \
 	    { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@.part && mv $@.part $@; }
 
 COMPARE := $(wildcard compare/*.py compare/*/*.py)
@@ -154,10 +157,10 @@ $(PENUMBRA) compare $(1) $(2) --scene scenes/$*.json $(if $(filter tp3,$*),--per
 endef
 
 # Ours: the image of the most light samples. A point light needs but one.
-MOST_tp3           := 32768
-MOST_tp3_statement := 32768
-MOST_tp3_point     := 1
-ours = build/images/$(1)_n$(MOST_$(1))_m1.exr
+MOST           := 32768
+MOST_tp3_point := 1
+most = $(or $(MOST_$(1)),$(MOST))
+ours = build/images/$(1)_n$(call most,$(1))_m1.exr
 
 build/agreement/%_c_exact.json: $$(call ours,$$*) scenes/%.json $(COMPARE)
 	$(call compare,$<,exact,1)
@@ -204,7 +207,7 @@ build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/stud
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
 IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
-          $(foreach name,$(SCENES),$(name)_n$(MOST_$(name))_m1)
+          $(foreach name,$(SCENES),$(name)_n$(call most,$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 
 # The benchmark takes longer than all the rest: the page shows it once it has been run.

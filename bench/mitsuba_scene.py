@@ -23,10 +23,13 @@ def mitsuba_scene(scene: Scene, width: int, height: int) -> dict[str, Any]:
     camera sees, as in blender_ref/build_scene.py. The background is left black: as an emitter it
     would light the scene and take half of the samples.
 
-    Raises UnsupportedScene for a sheared quad, a point light, or a light beyond the ball.
+    Raises UnsupportedScene for a sheared quad, another light than a quad, or one beyond the ball.
     """
-    if scene.point_lights:
-        raise UnsupportedScene("the benchmark's Mitsuba scene knows quad lights only")
+    for light in scene.lights:
+        if not isinstance(light, QuadLight):
+            raise UnsupportedScene(
+                f'the benchmark\'s Mitsuba scene knows quad lights only, not "{light.name}"'
+            )
     shapes: dict[str, Any] = {}
     for i, sphere in enumerate(scene.spheres):
         shapes[f"sphere{i}"] = {
@@ -37,8 +40,8 @@ def mitsuba_scene(scene: Scene, width: int, height: int) -> dict[str, Any]:
         }
     for i, plane in enumerate(scene.planes):
         shapes[f"plane{i}"] = _disc(scene, plane)
-    for i, light in enumerate(scene.quad_lights):
-        shapes[f"light{i}"] = _rectangle(scene, light)
+    for i, quad in enumerate(scene.quad_lights):
+        shapes[f"light{i}"] = _rectangle(scene, quad)
     return {
         "type": "scene",
         "integrator": {

@@ -18,7 +18,7 @@ import numpy as np
 from bench.mitsuba_scene import UnsupportedScene, mitsuba_scene
 from compare.measure.image import read_image
 from compare.run.provenance import ROOT
-from compare.scene import read_scene
+from compare.scene import QuadLight, read_scene
 
 BURST = 0.03
 """Frames that are shorter are repeated until this time is over [s]; the median frame counts."""
@@ -168,6 +168,13 @@ class Penumbra:
 # ---------------------------------------------------------------- others
 
 
+def _refuse_other_lights(scene_file: Path, program: str) -> None:
+    """Raises Absent for a scene of other lights than quads."""
+    for light in read_scene(scene_file).lights:
+        if not isinstance(light, QuadLight):
+            raise Absent(f'the benchmark\'s {program} knows quad lights only, not "{light.name}"')
+
+
 class ScalarLoop:
     """The lab's loop in scalar C, bench/scalar.c. Raises Absent, NotBuilt."""
 
@@ -176,8 +183,7 @@ class ScalarLoop:
     box_filtered = False
 
     def __init__(self, scene_file: Path) -> None:
-        if read_scene(scene_file).point_lights:
-            raise Absent("the benchmark's scalar loop knows quad lights only")
+        _refuse_other_lights(scene_file, "scalar loop")
         self._loop = Loop(scene_file, "scalar-loop")
         self.version = self._loop.version
 
@@ -196,8 +202,7 @@ class EmbreeSystem:
     box_filtered = False
 
     def __init__(self, scene_file: Path) -> None:
-        if read_scene(scene_file).point_lights:
-            raise Absent("the benchmark's Embree program knows quad lights only")
+        _refuse_other_lights(scene_file, "Embree program")
         try:
             self._loop = Loop(scene_file, "embree-loop")
         except NotBuilt as error:

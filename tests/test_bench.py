@@ -171,6 +171,21 @@ def test_mitsuba_scene_refuses_what_would_not_be_identical(
         mitsuba_scene(read_scene(make_scene(**changes)), 6, 4)
 
 
+@pytest.mark.parametrize(
+    ("name", "light"),
+    [("tp3_point", "point"), ("tp3_disk", "disk"), ("tp3_sphere", "bulb"),
+     ("tp3_triangle", "triangle"), ("tp3_two_lights", "point")],
+)  # fmt: skip
+def test_other_lights_than_quads_are_refused_by_name(name: str, light: str, scenes: Path) -> None:
+    """The scalar loop would take any of them for a quad."""
+    file, said = scenes / f"{name}.json", f'quad lights only, not "{light}"'
+    with pytest.raises(UnsupportedScene, match=said):
+        mitsuba_scene(read_scene(file), 6, 4)
+    for program in (ScalarLoop, EmbreeSystem):
+        with pytest.raises(Absent, match=said):
+            program(file)
+
+
 # ---------------------------------------------------------------- results
 
 

@@ -6,6 +6,7 @@ has one they fail if it is missing.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import platform
@@ -26,7 +27,7 @@ from compare.exact.image import PENUMBRA, exact_image
 from compare.measure.agreement import agreement, exact_for, passes
 from compare.measure.image import Image, read_image
 from compare.run.renderers import Job
-from compare.scene import read_scene
+from compare.scene import Scene, read_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = ROOT / "blender_ref" / "shipped"
@@ -209,6 +210,103 @@ def test_cycles_agrees_with_the_exact_solution(
     assert untouched[sky].mean() > 0.99
 
 
+# ------------------------------------------------------------------ light shapes
+
+LIGHT_SCENES = ("tp3_disk", "tp3_sphere", "tp3_triangle", "tp3_sheared", "tp3_two_lights")
+TRIANGLE = {"name": "triangle", "position": [2.5, 7, 1], "u": [-5, 0.3, 0.5], "v": [0, 0, 5]}
+SHEARED = {"name": "sheared", "position": [2, 9, 1], "u": [-4, 0, 1], "v": [1, 0.5, 4]}
+
+SHAPE_CASES: dict[str, dict[str, Any]] = {
+    # one under the other, of four colours: none hides another, no mesh and no lamp
+    "stacked": {
+        "spheres": [SPHERE],
+        "planes": [FLOOR],
+        "disk_lights": [
+            {"name": "disk", "center": [0.5, 5, 3], "normal": [0.3, 1, -0.2], "radius": 2}
+            | {"color": [1, 0.2, 0.1], "power": 2}
+        ],
+        "triangle_lights": [TRIANGLE | {"color": [0.1, 1, 0.3], "power": 4}],
+        "quad_lights": [SHEARED | {"color": [0.2, 0.3, 1], "power": 4}],
+        "sphere_lights": [
+            {"name": "bulb", "center": [0.3, 13, 3.2], "radius": 1.5}
+            | {"color": [1, 1, 0.2], "power": 20}
+        ],
+    },
+    # upright before the sky, towards the camera: the floor behind them is dark
+    "in_view": {
+        "quad_lights": None,
+        "triangle_lights": [
+            {"name": "triangle", "position": [-4, 0.5, 6], "u": [2.5, 0.2, 0.5]}
+            | {"v": [0.5, 2, 0.3], "color": [1, 1, 1], "power": 20}
+        ],
+        "disk_lights": [
+            {"name": "disk", "center": [2.5, 1.2, 6], "normal": [0.3, 0.2, 1], "radius": 1}
+            | {"color": [1, 1, 1], "power": 20}
+        ],
+    },
+}
+
+
+@cycles
+@pytest.mark.parametrize("case", [*LIGHT_SCENES, *SHAPE_CASES])
+def test_cycles_agrees_with_the_c_renderer(
+    case: str,
+    scenes: Path,
+    make_scene: Callable[..., Path],
+    render: Callable[..., Image],
+    tmp_path: Path,
+) -> None:
+    """Both are noisy and know their variances. What is summed over a surface is within 5 standard
+    deviations, which are less than 0.3% of it (on the floor of the scenes 0.02%: there 0.1% is
+    held too). sum d^2 / sum v over its pixels is 1: its relative standard deviation is at most
+    sqrt(2/m (1 + 1/7)), Cycles' variance being that of 8 parts, with m = (sum v)^2 / sum v^2 the
+    number of pixels that count; five times that is allowed. What no light reaches stays dark, and
+    no light is seen before the sky."""
+    scene_file = make_scene(**SHAPE_CASES[case]) if case in SHAPE_CASES else scenes / f"{case}.json"
+    size = {"width": 60, "height": 40}
+    theirs = make_reference(scene_file, tmp_path / "out.exr", samples=256, **size)
+    ours = render(scene_file, light_samples=4096, estimator="solid-angle", **size)
+    assert theirs.variance is not None and ours.variance is not None
+    scene = read_scene(scene_file)
+    sharp = exact_image(_without_new_shapes(scene), **size)
+
+    sky = (sharp.object_id < 0) & ~sharp.silhouette
+    assert np.array_equal(theirs.radiance[sky], ours.radiance[sky])
+    for index in range(len(scene.objects)):
+        on = (sharp.object_id == index) & ~sharp.silhouette
+        dark = on & (ours.radiance == 0).all(axis=-1)
+        assert theirs.radiance[dark].sum() <= 1e-5 * theirs.radiance[on].sum()
+        for channel in np.flatnonzero(ours.radiance[on].any(axis=0)):
+            a, b = theirs.radiance[on][:, channel], ours.radiance[on][:, channel]
+            v = (theirs.variance + ours.variance)[on][:, channel]
+            deviation = np.sqrt(v.sum())
+            assert deviation < 3e-3 * b.sum()
+            assert abs((a - b).sum()) < 5 * deviation
+            if case in LIGHT_SCENES and index == 1:
+                assert abs((a - b).sum()) < DELTA * b.sum()
+            counted = v.sum() ** 2 / (v**2).sum()
+            assert abs(((a - b) ** 2).sum() / v.sum() - 1) < 5 * np.sqrt(2 / counted * (1 + 1 / 7))
+
+
+@cycles
+def test_no_sample_of_a_distant_mesh_light_is_lost(make_scene: Callable[..., Path]) -> None:
+    """One sample for each of 2,400 pixels, 25 to 150 m from the light. As a single triangle it
+    would be sampled by its solid angle, and 41 of them come back black."""
+    scene_file = make_scene(
+        "tp3_triangle",
+        spheres=None,
+        ray_max_distance=300,
+        camera={"position": [0, 20, 20], "look_at": [0, -2, 60], "up": [0, 1, 0], "fov_y_deg": 40},
+    )
+    with Cycles(scene_file, 60, 40) as cycles:
+        assert (cycles.render(1, 0).radiance[..., 0] > 0).all()
+
+
+def _without_new_shapes(scene: Scene) -> Scene:
+    """The same objects and hard shadows."""
+    return dataclasses.replace(scene, disk_lights=(), triangle_lights=(), sphere_lights=())
+
+
 @cycles
 def test_antialiased_cycles_agrees_with_the_mean_over_each_pixel(
     scenes: Path, tmp_path: Path
@@ -223,13 +321,21 @@ def test_antialiased_cycles_agrees_with_the_mean_over_each_pixel(
 
 @cycles
 def test_unsupported_scenes_are_refused(make_scene: Callable[..., Path]) -> None:
-    """Cycles' spheres have no inner side, and it takes a colour below 1e-5 for black."""
+    """Cycles' spheres have no inner side, it takes a colour below 1e-5 for black, and its lights of
+    a radius light what is inside of them."""
     around = make_scene(spheres=[SPHERE | {"center": [0, 0, 0]}], file_name="around.json")
     with pytest.raises(CyclesError, match=r'around\.json: .*inside of the sphere "sphere"'):
         Cycles(around)
     dark = make_scene(spheres=[SPHERE | {"color": [1e-6, 0, 0]}], file_name="dark.json")
     with pytest.raises(CyclesError, match=r'dark\.json: the colour of "sphere"'):
         Cycles(dark)
+    lit = make_scene(
+        quad_lights=None,
+        sphere_lights=[{"name": "bulb", "center": [3, -1.5, 4], "radius": 0.6} | WHITE],
+        file_name="lit.json",
+    )
+    with pytest.raises(CyclesError, match=r'lit\.json: "floor" reaches .* light "bulb"'):
+        Cycles(lit)
 
 
 # ------------------------------------------------------------------ noise and variance
