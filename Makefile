@@ -206,6 +206,11 @@ build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/stud
     scenes/tp3.json $(SELF_SHADOW)
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
+# The shadow along a line, under each of the scenes' lights.
+LIGHTS := tp3 tp3_sheared tp3_disk tp3_triangle tp3_sphere tp3_two_lights
+build/lights/profile.json: $(LIGHTS:%=scenes/%.json) $(COMPARE) | build/setup.run
+	$(PENUMBRA) profile $(LIGHTS:%=scenes/%.json) -o $@
+
 IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
           $(foreach name,$(SCENES),$(name)_n$(call most,$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
@@ -217,7 +222,7 @@ report: build/report/index.html
 
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
-    build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
+    build/lights/profile.json build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
     $(wildcard build/bench/bench.json) \
     penumbra.py $(wildcard cli/*.py report/*.py report/template/*)
 	$(PENUMBRA) report -o $@

@@ -17,6 +17,7 @@ from cli import (
     converge,
     exact,
     png,
+    profile,
     reference,
     report,
     scene,
@@ -31,7 +32,7 @@ from compare.run.provenance import VERSION
 
 SUBCOMMANDS = (
     *(scene, reference, exact, compare, png),
-    *(converge, speedup, trade, stability, self_shadow, report),
+    *(converge, speedup, trade, profile, stability, self_shadow, report),
 )
 """In the order of the help"""
 

@@ -249,15 +249,16 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a log_chart."""
+    """One line of a log_chart or profile_chart."""
 
     label: str
-    x: Sequence[int]
-    """positions among the chart's ticks"""
+    x: Sequence[float]
+    """in a log_chart: positions among its ticks"""
     y: Sequence[float]
     colour: str
     marker: str
-    dashes: str
+    dashes: Any
+    """matplotlib's linestyle"""
     hollow: Sequence[bool] = ()
     """marks drawn as rings"""
 
@@ -297,6 +298,22 @@ def log_chart(
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
         axes.legend(loc="best", handlelength=1.8, borderaxespad=0.2, fontsize=7.5, frameon=True,
                     facecolor=PAPER, edgecolor="none")  # fmt: skip
+        return _svg(figure, name, description)
+
+
+def profile_chart(
+    name: str, description: str, lines: Sequence[Line], x_label: str, y_label: str
+) -> Markup:
+    """Values along a line, on plain axes from 0, as inline SVG."""
+    with matplotlib.rc_context(RC):
+        figure = Figure(figsize=(6.4, 3.4), layout="constrained")
+        axes = figure.add_subplot()
+        for line in lines:
+            axes.plot(line.x, line.y, color=line.colour, linestyle=line.dashes, linewidth=1.3,
+                      label=line.label)  # fmt: skip
+        axes.set(xlabel=x_label, ylabel=y_label, ylim=(0, None))
+        axes.margins(x=0)
+        axes.legend(loc="lower right", handlelength=2.6, borderaxespad=0.2)
         return _svg(figure, name, description)
 
 

@@ -18,12 +18,21 @@ from compare.exact.image import ExactImage, exact_image
 from compare.measure.image import Image, ImageError, read_image
 from compare.scene import Scene, read_scene
 
-SCENES = ("tp3", "tp3_statement", "tp3_point")
+LIGHTS = {
+    "tp3": "square",
+    "tp3_sheared": "parallelogram",
+    "tp3_disk": "disk",
+    "tp3_triangle": "triangle",
+    "tp3_sphere": "sphere",
+    "tp3_two_lights": "square and point",
+}
+"""The lights of the lab's scene and its variants: scene -> what shines"""
+SCENES = ("tp3", "tp3_statement", "tp3_point", *(name for name in LIGHTS if name != "tp3"))
 LIGHT_SAMPLES = (4, 16, 64, 256)
 """figure 4 of the handout"""
 FEW, PIXEL_SAMPLES = 4, 16
 """N and M of the anti-aliasing question, which is asked at equal N and at equal N * M"""
-MOST_LIGHT_SAMPLES = {"tp3": 32768, "tp3_statement": 32768, "tp3_point": 1}
+MOST_LIGHT_SAMPLES = {name: 1 if name == "tp3_point" else 32768 for name in SCENES}
 """N of the images that agreement is tested on and that the error maps show. At 32768 the 99%
 interval of tp3's floor penumbra is +-0.012%, a quarter of the bias that still agrees."""
 SEED = 1

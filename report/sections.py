@@ -11,6 +11,7 @@ from report.antialiasing import antialiasing
 from report.comparer import compare
 from report.convergence import convergence
 from report.inputs import COMPARISONS, CONVERGENCE, CONVERGENCE_CSV, IMAGES, Data, Input
+from report.lights import PROFILE, lights
 from report.remake import remake
 from report.self_shadow import SELF_SHADOW, SELF_SHADOW_CSV, self_shadow
 from report.shadows import light, ray, samples, shadows
@@ -67,6 +68,7 @@ SECTIONS = (
         optional=True,
     ),
     Section("stability", "Where do floats break?", (STABILITY,), stability, optional=True),
+    Section("lights", "Other lights", (*IMAGES, *COMPARISONS, PROFILE), lights),
     Section("remake", "What was rendered, and how to remake it", IMAGES, remake),
     Section("glossary", "Glossary", (), nothing),
 )

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from compare.exact.image import LIT, UMBRA, shade
+from compare.exact.image import PENUMBRA, UMBRA, shade
 from compare.exact.receivers import Receivers
 from compare.measure.metrics import luminance
 from compare.run import provenance
 from compare.run.output import write_json
 from compare.scene import Plane, Scene, Vec3, read_scene
 
-START, END = (0.0, -2.0, 3.0), (3.0, -2.0, 3.0)
-"""[m]: on the floor of tp3, from below the ball outwards"""
-POINTS = 301
+START, END = (-3.0, -2.0, 3.0), (3.0, -2.0, 3.0)
+"""[m]: on the floor of tp3, below the ball from one side of its shadow to the other"""
+POINTS = 601
 
 
 class ProfileError(ValueError):
@@ -28,7 +28,7 @@ def profile(
     scene_files: Sequence[Path], out: Path, start: Vec3 = START, end: Vec3 = END
 ) -> dict[str, Any]:
     """Write out, a JSON: for each scene the exact radiance [W m^-2 sr^-1], (R + G + B)/3, at POINTS
-    even steps from start to end [m], and where the penumbra begins and ends.
+    even steps from start to end [m], and how much of the line is in umbra and in penumbra [m].
 
     Raises SceneError, ProfileError, OSError.
     """
@@ -39,14 +39,13 @@ def profile(
     for file in scene_files:
         scene = read_scene(file)
         radiance, _, shadow, *_ = shade(scene, _receivers(scene, points, file))
-        dark, lit = np.flatnonzero(shadow == UMBRA), np.flatnonzero(shadow == LIT)
         rows.append(
             {
                 "scene": scene.name,
                 "scene_hash": scene.hash,
                 "radiance": luminance(radiance).tolist(),
-                "umbra_end": float(along[dark[-1]]) if len(dark) else None,
-                "lit_start": float(along[lit[0]]) if len(lit) else None,
+                "umbra": float(along[-1] * np.mean(shadow == UMBRA)),
+                "penumbra": float(along[-1] * np.mean(shadow == PENUMBRA)),
             }
         )
     result = {
