@@ -32,6 +32,7 @@ from compare.measure.image import Image, ImageError, read_image, write_display, 
 from compare.measure.metrics import luminance
 from compare.measure.statistics import binomial_interval
 from compare.scene import Scene, read_scene
+from tests.test_image import deep_png, hdr
 
 Render = Callable[..., Image]
 ROOT = Path(__file__).resolve().parent.parent
@@ -438,6 +439,24 @@ def test_an_eight_bit_picture_is_trusted_to_half_a_level_and_not_above_white(
     write_display(tmp_path / "dim.png", 0.5 * image.radiance)
     dim = compare_files(tmp_path / "dim.png", "exact", scenes / "tp3.json")
     assert by_region(dim.rows)["lit"]["verdict"] == "differs"
+
+
+def test_a_verdict_knows_what_each_kind_of_file_can_say(
+    truth: ExactImage, tmp_path: Path, scenes: Path
+) -> None:
+    """The exact image: 16 bits, known to 1/131070, agree to 0.05%; 8 bits and .hdr, known to 0.2%
+    at best, leave it open. Neither calls its own rounding a bias. Nothing of .hdr is left out."""
+    levels = (truth.radiance.clip(0, 1) * 65535).astype(int)
+    (tmp_path / "deep.png").write_bytes(deep_png(levels, 2))
+    (tmp_path / "ward.hdr").write_bytes(hdr(truth.radiance))
+    write_display(tmp_path / "lab.png", truth.radiance)
+    found = {
+        name: by_region(compare_files(tmp_path / name, "exact", scenes / "tp3.json").rows)["lit"]
+        for name in ("deep.png", "ward.hdr", "lab.png")
+    }
+    assert found["deep.png"]["verdict"] == "agrees"
+    assert found["ward.hdr"]["verdict"] == found["lab.png"]["verdict"] == "undecided"
+    assert found["ward.hdr"]["pixels"] > found["lab.png"]["pixels"] == found["deep.png"]["pixels"]
 
 
 # ---------------------------------------------------------------- what is refused
