@@ -34,7 +34,7 @@ def _summary(data: Data) -> str:
     cycles = data.images[reference_file("tp3")]
     machine = data[CONVERGENCE]["machine"]
     return (
-        f"Scene {scene.name} (hash {scene.hash}) and two variants, {scene.width} × {scene.height}; "
+        f"Scene {scene.name} (hash {scene.hash}) and its variants, {scene.width} × {scene.height}; "
         f"{image.attributes.get('software', 'the C renderer')}, seed "
         f"{image.attributes.get('seed', '?')}; {cycles.attributes.get('software', 'Cycles')}; on "
         f"{machine['processor']}, {machine['cores']} cores."
