@@ -37,7 +37,7 @@ WIDTH, HEIGHT = 36, 24
 DOUBLINGS = 2.0 ** np.arange(13)
 
 FAKE = """\
-import array, os, random, struct, sys, time, zlib
+import array, math, os, random, struct, sys, time, zlib
 
 what, scene, light_samples, seed, out = sys.argv[1:]
 light_samples, seed = int(light_samples), int(seed)
@@ -87,6 +87,17 @@ elif what == "exact in 8 bits":
     for kind, data in chunks:
         crc = struct.pack(">I", zlib.crc32(kind + data))
         header += [struct.pack(">I", len(data)), kind, data, crc]
+elif what == "exact as Radiance":
+    width, height = (int(word) for word in header[1].split())
+    header = [b"#?RADIANCE\\nFORMAT=32-bit_rle_rgbe\\n\\n", b"-Y %d +X %d\\n" % (height, width)]
+    image = array.array("f")
+    for y in reversed(range(height)):
+        for x in range(width):
+            rgb = truth[3 * (width * y + x) :][:3]
+            power = math.frexp(max(rgb))[1]
+            header.append(bytes([*(int(c * 2 ** (8 - power)) for c in rgb), power + 128]))
+            if max(rgb) <= 0:
+                header[-1] = bytes(4)
 with open(out, "wb") as stream:
     stream.write(b"".join(header) + image.tobytes())
 """
@@ -289,14 +300,23 @@ def test_images_that_do_not_change_with_the_seed_have_no_interval(
     assert found["low"] is None
 
 
-def test_exact_image_in_8_bits_is_within_half_a_level_and_has_no_slope(
-    scene: Path, fake: Callable[..., CommandRenderer]
+@pytest.mark.parametrize(
+    ("what", "suffix", "most"),
+    [("exact in 8 bits", ".png", 1 / 510), ("exact as Radiance", ".hdr", 1 / 256)],
+)
+def test_an_exact_image_is_within_half_a_step_of_its_file_and_has_no_slope(
+    what: str,
+    suffix: str,
+    most: float,
+    scene: Path,
+    fake: Callable[..., CommandRenderer],
 ) -> None:
     """The lab's file says v for all of [v, v + 1) / 255, read as its middle: off by 1/510 at
-    most, black and white included. An error that the file's 8 bits account for is no noise."""
-    result = converge(study(scene, fake("exact in 8 bits", suffix=".png")))
+    most, black and white included; Radiance's by 1/256 of a radiance below 1. An error that the
+    file's numbers account for is no noise."""
+    result = converge(study(scene, fake(what, suffix=suffix)))
     rows = rows_of(scene.parent / "result.csv")
-    assert max(float(row["rmse"]) for row in rows) <= 1 / 510
+    assert max(float(row["rmse"]) for row in rows) <= most
     assert max(float(row["rmse"]) for row in rows if row["region"] == "lit") > 0
     assert result["slopes"] == []
     reasons = {row["region"]: row["reason"] for row in result["without_slope"]}

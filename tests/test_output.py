@@ -216,7 +216,10 @@ def test_a_name_that_says_nothing_else_is_taken(name: str, folder: Path) -> None
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        ("exact scene.json -o a.PNG", '"a.PNG" does not end in .exr; for a picture: penumbra png'),
+        (
+            "exact scene.json -o a.PNG",
+            '"a.PNG" does not end in .exr; for a picture of it: penumbra png OUT.exr -o a.PNG',
+        ),
         ("png image.exr -o a.exr", '"a.exr" does not end in .png'),
         ("compare a.exr exact --scene scene.json --json a.csv", '"a.csv" does not end in .json'),
         ("speedup scene.json -o a.json", '"a.json" does not end in .csv'),

@@ -28,17 +28,19 @@ def named(*endings: str) -> Callable[[str], Path]:
 
     >>> named(".exr")("a.exr"), named(".exr")("/dev/null")
     (PosixPath('a.exr'), PosixPath('/dev/null'))
-    >>> named(".exr")("a.PNG")
+    >>> named(".csv")("a.JSON")
     Traceback (most recent call last):
-    argparse.ArgumentTypeError: "a.PNG" does not end in .exr; for a picture: penumbra png
+    argparse.ArgumentTypeError: "a.JSON" does not end in .csv
     """
 
     def parse(text: str) -> Path:
         file = Path(text)
         ending = file.suffix.lower()
         if ending in ENDINGS and ending not in endings:
-            advice = "; for a picture: penumbra png" if ending in PICTURES else ""
-            raise argparse.ArgumentTypeError(f'"{text}" does not end in {endings[0]}{advice}')
+            message = f'"{text}" does not end in {endings[0]}'
+            if endings == (".exr",) and ending in PICTURES:
+                message += f"; for a picture of it: penumbra png OUT.exr -o {text}"
+            raise argparse.ArgumentTypeError(message)
         return file
 
     return parse

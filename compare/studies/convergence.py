@@ -337,7 +337,7 @@ def _measure(job: Job, file: Path, wall_seconds: float, solved: _SolvedScene) ->
     """Measures of one image by region.
 
     Time is the header's renderSeconds where the image has it, else the command's wall time.
-    A clipped image is measured against the truth within what it can say.
+    An image of few bits is measured against the truth within what it can say.
     """
     image = read_image(file)
     if image.shape != (solved.height, solved.width):
@@ -345,10 +345,10 @@ def _measure(job: Job, file: Path, wall_seconds: float, solved: _SolvedScene) ->
             f"{file.name}: is {image.shape[1]}x{image.shape[0]}, not {solved.width}x{solved.height}"
         )
     truth = solved.truth(job.pixel_samples)
-    radiance = truth.radiance
-    half = np.broadcast_to(np.expand_dims(image.rounding, -1), radiance.shape)
+    half = np.broadcast_to(np.expand_dims(image.rounding, -1), truth.radiance.shape)
+    radiance = np.maximum(truth.radiance, half)
     if image.clipped:
-        radiance = np.where(radiance >= 1, 1 + half, np.maximum(radiance, half))
+        radiance = np.where(radiance >= 1, 1 + half, radiance)
     # A third of half a step squared, where a channel is not simply black or white.
     is_rounded = (truth.radiance > 0) & ~(image.clipped & (truth.radiance >= 1))
     squared = np.where(is_rounded, half**2, 0) / 3
