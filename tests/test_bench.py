@@ -314,6 +314,8 @@ def test_benchmark_writes_csv_json_and_the_page(scenes: Path, tmp_path: Path) ->
     compared = section["tables"][1]
     assert compared["title"].endswith("a multiple of <code>area sobol</code>")
     assert ["<code>area sobol</code>", "1.00", "1.00"] in compared["rows"]
+    shown = rendered_section("speed", tmp_path)
+    assert shown and str(section["about"]) in shown.html
 
 
 def test_report_does_without_a_benchmark_and_refuses_a_broken_one(tmp_path: Path) -> None:
