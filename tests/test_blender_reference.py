@@ -32,6 +32,7 @@ from compare.scene import Scene, read_scene
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = ROOT / "blender_ref" / "shipped"
 SCENES = ("tp3", "tp3_statement", "tp3_point")
+LIGHT_SCENES = ("tp3_disk", "tp3_sphere", "tp3_triangle", "tp3_sheared", "tp3_two_lights")
 HAS_WHEEL = sys.version_info[:2] in ((3, 11), (3, 13)) and not (
     platform.system() == "Linux" and platform.machine() != "x86_64"
 )
@@ -80,7 +81,7 @@ def make_reference(scene_file: Path, out: Path, **options: Any) -> Image:
 # ------------------------------------------------------------------ shipped references
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*SCENES, "tp3_sheared", "tp3_two_lights"])
 def test_shipped_reference_agrees_with_the_exact_solution(name: str, scenes: Path) -> None:
     """Every region's bias is within 0.1% (99.9% intervals), and 99.9% of the pixels away from
     silhouettes are consistent: `passes` says both of a row."""
@@ -90,7 +91,7 @@ def test_shipped_reference_agrees_with_the_exact_solution(name: str, scenes: Pat
     assert [row for row in rows if not passes(row)] == []
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*SCENES, *LIGHT_SCENES])
 def test_shipped_reference_tells_where_it_comes_from(name: str, scenes: Path) -> None:
     image = read_image(SHIPPED / f"{name}.exr")
     header = image.attributes
@@ -212,7 +213,6 @@ def test_cycles_agrees_with_the_exact_solution(
 
 # ------------------------------------------------------------------ light shapes
 
-LIGHT_SCENES = ("tp3_disk", "tp3_sphere", "tp3_triangle", "tp3_sheared", "tp3_two_lights")
 TRIANGLE = {"name": "triangle", "position": [2.5, 7, 1], "u": [-5, 0.3, 0.5], "v": [0, 0, 5]}
 SHEARED = {"name": "sheared", "position": [2, 9, 1], "u": [-4, 0, 1], "v": [1, 0.5, 4]}
 
