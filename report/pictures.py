@@ -135,7 +135,9 @@ def command_of(data: Data, file: str) -> str:
             f"penumbra reference scenes/{scene_name}.json --samples {a['lightSamples']} "
             f"--parts {a['parts']} --seed {a['seed']}{size} -o build/{file}"
         )
+    default = a.get("estimator", "area") == "area"
+    estimator = "" if default else f" --estimator {a['estimator']}"
     return (
         f"build/bin/penumbra-render scenes/{scene_name}.json --light-samples {a['lightSamples']} "
-        f"--pixel-samples {a['pixelSamples']} --seed {a['seed']}{size} -o build/{file}"
+        f"--pixel-samples {a['pixelSamples']} --seed {a['seed']}{size}{estimator} -o build/{file}"
     )
