@@ -18,9 +18,13 @@ TOUCH = 1e-12
 """Lengths relative to the distances that they are differences of, and angles [rad], below
 which rounding decides: a light that lies in a plane is not behind it, a light that stands on
 the receiver's plane is not below its horizon, a sliver that thin hides or shows nothing."""
-ROUNDING = 16 * np.finfo(np.float64).eps
+EPS = float(np.finfo(np.float64).eps)
+ROUNDING = 16 * EPS
 """Bound on the rounding error per radian of outline: over ten times the largest that was
 measured (docs/exact.md)."""
+BLUR = 4 * EPS
+"""Coordinates count as known to this, relatively: what rounding the receiver's own and the
+differences from it may shift an outline by."""
 CHUNK = 1 << 20
 """Numbers in one temporary array: 8 MiB."""
 
@@ -54,8 +58,11 @@ def quad_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView
     reach = np.sqrt(_dot(to_corner, to_corner)) + np.linalg.norm(edge_u) + np.linalg.norm(edge_v)
     facing = np.flatnonzero(to_corner @ np.asarray(light.normal) > TOUCH * reach)
     near = receivers[facing]
-    polygon = Polygon.parallelogram(to_corner[facing], edge_u, edge_v)
+    corners = np.stack([0 * edge_u, edge_u, edge_u + edge_v, edge_v])
+    polygon = Polygon.of_corners(to_corner[facing, None] + corners)
     error[facing] = ROUNDING * polygon.angle.sum(axis=1)
+    far = np.sqrt(_dot(receivers.point, receivers.point)) + reach
+    error[facing] += BLUR * far[facing] * polygon.sensitivity
     cut = np.zeros(len(near), dtype=bool)
     for half_space in _half_spaces(scene, near):
         polygon, was_cut = polygon.clipped(*half_space, np.asarray(light.normal))
@@ -98,15 +105,15 @@ class Polygon:
     side: np.ndarray
     """(n, K, 3) unit normals of the planes through the receiver and each edge (from corner k
     to corner k + 1), pointing inwards. Kept through clipping, since a short edge's corners
-    do not tell its direction."""
+    do not tell its direction: for crossings, not for the integral (`pole`)."""
     empty: np.ndarray
     """(n,) bool"""
 
     @staticmethod
-    def parallelogram(corner: np.ndarray, edge_u: np.ndarray, edge_v: np.ndarray) -> Polygon:
-        vertex = corner[:, None] + np.stack([0 * edge_u, edge_u, edge_u + edge_v, edge_v])
-        side = _unit(_cross(vertex, np.stack([edge_u, edge_v, -edge_u, -edge_v])))
-        return Polygon(vertex, side, np.zeros(len(corner), dtype=bool))
+    def of_corners(vertex: np.ndarray) -> Polygon:
+        edge = np.roll(vertex, -1, axis=1) - vertex
+        side = _unit(_cross(vertex, edge))
+        return Polygon(vertex, side, np.zeros(len(vertex), dtype=bool))
 
     def __getitem__(self, which: np.ndarray) -> Polygon:
         return Polygon(self.vertex[which], self.side[which], self.empty[which])
@@ -120,8 +127,29 @@ class Polygon:
     def angle(self) -> np.ndarray:
         """(n, K) the angle that each edge subtends [rad]"""
         after = np.roll(self.vertex, -1, axis=1)
-        sine = _dot(self.side, _cross(self.vertex, after - self.vertex))
-        return np.arctan2(np.maximum(sine, 0), _dot(self.vertex, after))
+        moment = _cross(self.vertex, after - self.vertex)
+        return np.arctan2(np.sqrt(_dot(moment, moment)), _dot(self.vertex, after))
+
+    @property
+    def pole(self) -> np.ndarray:
+        """(n, K, 3) as `side`, but of the corners as they are: with any other pole than that of
+        the corners whose angle it multiplies the edges' sum would be off by the ratio of a light's
+        distance to its width."""
+        return _unit(_cross(self.vertex, np.roll(self.vertex, -1, axis=1) - self.vertex))
+
+    @property
+    def sensitivity(self) -> np.ndarray:
+        """(n,) the most that the projected solid angle changes with the outline's places [m^-1]:
+        the integral of |dr| / |X|, at most that of |dX| / X^2, theta over each line's distance."""
+        edge = np.roll(self.vertex, -1, axis=1) - self.vertex
+        moment = _cross(self.vertex, edge)
+        sine = np.sqrt(_dot(moment, moment))
+        length, angle = np.sqrt(_dot(edge, edge)), self.angle
+        after = np.roll(self.vertex, -1, axis=1)
+        product = np.sqrt(_dot(self.vertex, self.vertex) * _dot(after, after))
+        # an edge that points at the receiver: theta / sin(theta) = 1
+        ratio = np.where(sine > EPS * product, angle / np.maximum(sine, EPS * product), 1 / product)
+        return np.asarray((length * ratio).sum(axis=1))
 
     def clipped(
         self, normal: np.ndarray, offset: np.ndarray, light_normal: np.ndarray
@@ -197,7 +225,7 @@ class Caps:
 
 def _unoccluded(polygon: Polygon, normal: np.ndarray) -> np.ndarray:
     """Lambert: 1/2 sum_k theta_k (gamma_k . n)"""
-    cosine = np.einsum("nki,ni->nk", polygon.side, normal)
+    cosine = np.einsum("nki,ni->nk", polygon.pole, normal)
     return np.maximum(0.5 * (polygon.angle * cosine).sum(axis=1), 0)
 
 
@@ -337,7 +365,7 @@ def _beside_caps(
     """
     shown, hidden = _edges_outside(polygon, caps)
     arcs, arc_length = _arcs_inside(polygon, normal, caps)
-    cosine = np.einsum("nki,ni->nk", polygon.side, normal)
+    cosine = np.einsum("nki,ni->nk", polygon.pole, normal)
     edges = 0.5 * (shown * cosine).sum(axis=1)
     return edges - arcs, shown.sum(axis=1) + arc_length, hidden.sum(axis=1) + arc_length
 
