@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from compare.exact.image import BACKGROUND, exact_image
-from compare.exact.irradiance import quad_view
+from compare.exact.irradiance import light_view
 from compare.exact.quadrature import integrate_light
 from compare.exact.receivers import Receivers
 from compare.scene import Plane, PointLight, QuadLight, Scene, Sphere, read_scene
@@ -227,7 +227,7 @@ def python_solution(
     and compare/ wants unit normals, which float32 does not hold."""
     length = np.linalg.norm(receivers.normal, axis=1)
     unit = dataclasses.replace(receivers, normal=receivers.normal / length[:, None])
-    view = quad_view(scene, light, unit)
+    view = light_view(scene, light, unit)
     value, error = view.projected_solid_angle.copy(), view.error_bound.copy()
     value[view.unsolved], error[view.unsolved] = integrate_light(
         scene, light, unit[view.unsolved], 1e-12
