@@ -28,10 +28,6 @@ class Curve(ABC):
     w: np.ndarray
     half: np.ndarray
     """(n,) the curve is phi from -half to half: pi, or an edge's half-angle"""
-    sensitivity: np.ndarray
-    """(n,) bound on the integral of |dr| / |X|: how much the projected solid angle changes with
-    the places that the curve comes from [m^-1]"""
-
     def at(self, phi: np.ndarray) -> np.ndarray:
         """(n, k) -> (n, k, 3)"""
         cosine, sine = np.cos(phi)[..., None], np.sin(phi)[..., None]
@@ -54,6 +50,11 @@ class Curve(ABC):
     def length(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """(n, k) at least the length of r from low to high [rad]"""
 
+    @abstractmethod
+    def shift(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """(n, k) at least the integral of |dr| / |X|: how much the projected solid angle changes
+        with the places that the curve comes from [m^-1]"""
+
 
 class Great(Curve):
     """The directions on a plane through the receiver; the region is where pole . r > 0."""
@@ -73,7 +74,7 @@ class Great(Curve):
         self.p = np.zeros_like(pole)
         self.q, self.w = frame_towards(pole, towards)
         self.half = np.full(len(pole), np.pi) if half is None else half
-        self.sensitivity = 2 * self.half / distance
+        self.distance = distance
 
     def param(self, x: np.ndarray) -> np.ndarray:
         return np.arctan2(dot(x, self.w[:, None]), dot(x, self.q[:, None]))
@@ -86,6 +87,9 @@ class Great(Curve):
 
     def length(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         return high - low
+
+    def shift(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        return np.asarray((high - low) / self.distance[:, None])
 
 
 class Cap(Curve):
@@ -106,7 +110,7 @@ class Cap(Curve):
         self.q, self.w = self.sine[:, None] * self.b1, self.sine[:, None] * self.b2
         self.half = np.full(len(radius), np.pi)
         near = np.maximum(self.tangent, EPS * distance) * distance
-        self.sensitivity = 2 * np.pi * self.sine * (self.tangent + radius) / near
+        self.shift_length = (self.tangent + radius) / near
 
     def param(self, x: np.ndarray) -> np.ndarray:
         return np.arctan2(dot(x, self.b2[:, None]), dot(x, self.b1[:, None]))
@@ -135,6 +139,9 @@ class Cap(Curve):
 
     def length(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         return np.asarray(self.sine[:, None] * (high - low))
+
+    def shift(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        return np.asarray(self.shift_length[:, None] * self.length(low, high))
 
 
 class Rim(Curve):
@@ -168,9 +175,6 @@ class Rim(Curve):
         with np.errstate(divide="ignore", invalid="ignore"):
             small = 4 * a**2 * h2 / (self.apart * (self.apart - g))
         self.one_g = np.where(g >= 0, 1 + self.g, small)
-        size = norm(centre) + a
-        self.sensitivity = 2 * np.pi * size / self.apart
-        self.whole_length = 2 * np.pi * np.minimum(1, a / np.sqrt(np.maximum(self.near, 1e-300)))
 
     def __getitem__(self, which: np.ndarray) -> Rim:
         return Rim(self.p[which], self.normal[which], self.radius[which], self.flat)
@@ -209,14 +213,20 @@ class Rim(Curve):
         return np.asarray(0.5 * total)
 
     def whole(self, normal: np.ndarray) -> np.ndarray:
-        """The integral around all of it, (n,)."""
+        """The integral all around, (n,)."""
         tilt = self.height * self.radius / self.apart
         level = dot(normal, self.normal) * self.one_g
         return np.asarray(0.5 * np.pi * (level - 2 * self.k * tilt * dot(normal, self.u)))
 
     def length(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        near = np.sqrt(np.maximum(self.near, np.finfo(float).tiny))[:, None]
-        return np.minimum(self.whole_length[:, None], self.radius[:, None] * (high - low) / near)
+        near = np.sqrt(np.maximum(self.near, np.finfo(float).tiny))
+        return np.asarray(np.minimum(2 * np.pi, (self.radius / near)[:, None] * (high - low)))
+
+    def shift(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        # |dr| / |X| <= a dphi / |X|^2, whose integral around the rim is 2 pi a / w
+        near = np.maximum(self.near, np.finfo(float).tiny)
+        around = np.minimum(2 * np.pi / self.apart[:, None], (high - low) / near[:, None])
+        return np.asarray(self.radius[:, None] * around)
 
 
 # ------------------------------------------------------------------------ one curve along another

@@ -349,8 +349,9 @@ def _disk_view(scene: Scene, light: DiskLight, receivers: Receivers) -> LightVie
     flat = _Flat(normal, np.asarray(light.center), centre, unit(centre), spread, None, radius)
     balls, blocked = _balls(scene, near, flat)
     planes = np.zeros((len(near), len(scene.planes) + 1), dtype=np.int8)
-    outline = rim.whole_length
-    views.error[index] += ROUNDING * outline + blur * rim.sensitivity
+    around = np.tile([-np.pi, np.pi], (len(near), 1))
+    low, high = around[:, :1], around[:, 1:]
+    outline = rim.length(low, high)[:, 0]
     for i, (towards, offset) in enumerate(_half_spaces(scene, near)):
         height = dot(towards, centre) + offset
         lean = radius * norm(cross(towards, rim.normal))
@@ -360,12 +361,15 @@ def _disk_view(scene: Scene, light: DiskLight, receivers: Receivers) -> LightVie
         blocked |= counts & cuts & (height + lean <= touch)
         planes[:, i] = np.where(counts & cuts, EDGE, NOTHING)
         ignored = np.where((offset > 0) & ~cuts, np.maximum(lean - height, 0), 0)
-        views.error[index] += ignored * outline / np.sqrt(rim.near)
+        views.error[index] += ignored * rim.shift(low, high)[:, 0]
     state = np.concatenate([balls, planes], axis=1)
     state[blocked] = NOTHING
     # of a disk that the horizon cuts the whole one's integral is no upper bound
     most = np.where((planes == EDGE).any(axis=1), np.pi, rim.whole(near.normal))
     views.see(index, np.maximum(most, 0), blocked)
+    alone = (state == NOTHING).all(axis=1) & ~blocked
+    error = ROUNDING * outline + blur * rim.shift(low, high)[:, 0]
+    views.error[index] += np.where(alone, error, 0)
     for which, objects in _groups(state, 6):
         circle = [Within(rim[which])]
         part = _flat_part(scene, near[which], objects, flat[which], blur[which], circle)
@@ -392,7 +396,7 @@ def _sphere_view(scene: Scene, light: SphereLight, receivers: Receivers) -> Ligh
         states.append(state)
         blocked |= hides
     outline = 2 * np.pi * cap.sine
-    views.error[index] += ROUNDING * outline + blur * cap.sensitivity
+    shift = cap.shift_length * outline
     for i, (towards, offset) in enumerate(_half_spaces(scene, near)):
         height = dot(towards, centre) + offset
         touch = TOUCH * (reach + offset)
@@ -402,12 +406,14 @@ def _sphere_view(scene: Scene, light: SphereLight, receivers: Receivers) -> Ligh
         blocked |= counts & (height <= touch - radius)
         states.append(np.where(counts & cuts, EDGE if horizon else BEFORE, NOTHING))
         ignored = np.where((offset > 0) & ~cuts, np.maximum(radius - height, 0), 0)
-        views.error[index] += ignored * cap.sensitivity
+        views.error[index] += ignored * shift
     state = np.stack(states, axis=1)
     state[blocked] = NOTHING
     whole = np.pi * cap.sine**2 * dot(cap.axis, near.normal)
     most = np.where((state == EDGE).any(axis=1), np.pi, whole)
     views.see(index, np.maximum(most, 0), blocked)
+    alone = (state == NOTHING).all(axis=1) & ~blocked
+    views.error[index] += np.where(alone, ROUNDING * outline + blur * shift, 0)
     for which, objects in _groups(state, 6):
         part = _sphere_part(scene, light, near[which], objects, blur[which])
         views.take(index[which], part, outline[which])

@@ -19,7 +19,7 @@ from compare.exact.vectors import dot, unit
 ROUNDING = 16 * EPS
 """Bound on the rounding error per radian of outline, and of each place where curves cross: over
 ten times the largest that was measured (docs/exact.md)."""
-BLUR = 4 * EPS
+BLUR = 2 * EPS
 """Coordinates count as known to this, relatively: what rounding the receiver's own and the
 differences from it may shift an outline by."""
 
@@ -181,7 +181,7 @@ def visible_part(
             arcs = np.where(kept, curve.integral(normal, before, after), 0)
             value += arcs.sum(axis=1) if shows else -arcs.sum(axis=1)
             piece = np.where(kept, curve.length(before, after), 0)
-            total, used = piece.sum(axis=1), kept.any(axis=1)
+            total = piece.sum(axis=1)
             length += total
             if own:
                 whole = curve.length(before, after)
@@ -190,6 +190,6 @@ def visible_part(
                 lost += total
             ends = (kept & ~(after - before >= 2 * curve.half[:, None])).sum(axis=1)
             error += ROUNDING * (total + 0.5 * ends)
-            error += np.where(used, blur * curve.sensitivity, 0)
+            error += blur * np.where(kept, curve.shift(before, after), 0).sum(axis=1)
     return Part(value, error, length, lost)
 

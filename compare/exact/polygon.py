@@ -143,7 +143,8 @@ class Caps:
     cosine: np.ndarray
     """(n, m)"""
     sensitivity: np.ndarray
-    """(n, m) bound on how much a projected solid angle changes with the places [m^-1]"""
+    """(n, m) bound on how much a projected solid angle changes with the places, for each radian
+    of the circles [m^-1]"""
 
     @staticmethod
     def of_spheres(scene: Scene, point: np.ndarray, sphere: np.ndarray) -> Caps:
@@ -158,7 +159,7 @@ class Caps:
             axis=axis / distance[..., None],
             sine=sine,
             cosine=tangent / distance,
-            sensitivity=2 * np.pi * sine * (tangent + radius) / near,
+            sensitivity=(tangent + radius) / near,
         )
 
 
@@ -213,7 +214,7 @@ def beside_caps(polygon: Polygon, normal: np.ndarray, caps: Caps) -> Beside:
         length=shown.sum(axis=1) + drawn,
         lost=hidden.sum(axis=1) + drawn,
         ends=cuts + pieces,
-        sensitivity=np.where(arc_length > 0, caps.sensitivity, 0).sum(axis=1),
+        sensitivity=(caps.sensitivity * arc_length).sum(axis=1),
     )
 
 
