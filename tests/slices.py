@@ -20,7 +20,7 @@ from compare.scene import DiskLight, Scene, SphereLight, TriangleLight
 
 Real = np.longdouble
 PI = np.arctan2(Real(0), Real(-1))
-START, NODES = 96, (24, 36)
+START, NODES = 96, (12, 20)
 """Half-planes looked at first; Gauss's nodes in a panel."""
 
 
@@ -252,16 +252,13 @@ def _one(
         return Real(0), 0.0
     slices = Slices(view)
     ends = np.linspace(-PI, PI, START + 1, dtype=Real) + Real(0.0123)
-    ends = _with_changes(slices, ends)
+    low, high = _parted(slices, ends[:-1], ends[1:])
     value, error = Real(0), 0.0
-    low, high = ends[:-1], ends[1:]
     for _ in range(40):
-        sums, mixed = [], np.zeros(len(low), dtype=bool)
+        sums = []
         for x, weight in RULES:
             phi, slope = _panel(low, high, x)
-            integral, signature = slices.at(phi.ravel())
-            signature = signature.reshape(phi.shape)
-            mixed |= (signature != signature[:, :1]).any(axis=1)
+            integral = slices.at(phi.ravel())[0]
             sums.append((integral.reshape(phi.shape) * slope) @ weight)
         off = np.abs(sums[1] - sums[0])
         again = (off > tolerance) & (high - low > 1e-17)
@@ -269,9 +266,10 @@ def _one(
         error += float(off[~again].sum())
         if not again.any():
             break
-        more = [_with_changes(slices, np.linspace(a, b, 5 if m else 3, dtype=Real))
-                for a, b, m in zip(low[again], high[again], mixed[again], strict=True)]
-        low, high = (np.concatenate([m[s] for m in more]) for s in (np.s_[:-1], np.s_[1:]))
+        low, high = low[again], high[again]
+        middle = (low + high) / 2
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+        low, high = _parted(slices, low, high)
     return value, error
 
 
@@ -281,23 +279,21 @@ def _panel(low: np.ndarray, high: np.ndarray, x: np.ndarray) -> tuple[np.ndarray
     return middle + half * np.sin(PI * x / 2), half * PI / 2 * np.cos(PI * x / 2)
 
 
-def _with_changes(slices: Slices, ends: np.ndarray) -> np.ndarray:
-    """The ends, and between them where the visible intervals' ends change their names."""
-    names = slices.at(ends)[1]
-    low, high, a, b = ends[:-1], ends[1:], names[:-1], names[1:]
+def _parted(slices: Slices, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The panels, parted where the visible intervals' ends change their names."""
+    a, b = slices.at(low)[1], slices.at(high)[1]
     keep = a != b
-    low, high, a, b = low[keep], high[keep], a[keep], b[keep]
-    for _ in range(66):
-        if not len(low):
-            break
-        middle = (low + high) / 2
+    left, right, a, b = low[keep], high[keep], a[keep], b[keep]
+    for _ in range(66 if len(left) else 0):
+        middle = (left + right) / 2
         m = slices.at(middle)[1]
-        third = (m != a) & (m != b)
-        low2, high2, a2, b2 = middle[third], high[third], m[third], b[third]
-        right = m == a
-        low, high = np.where(right, middle, low), np.where(right, high, middle)
-        a, b = a, np.where(third, m, b)
-        if len(low) < 64:
-            low, high = np.concatenate([low, low2]), np.concatenate([high, high2])
-            a, b = np.concatenate([a, a2]), np.concatenate([b, b2])
-    return np.unique(np.concatenate([ends, (low + high) / 2]))
+        third = (m != a) & (m != b) & (len(left) < 64)
+        more = middle[third], right[third], m[third], b[third]
+        first = m == a
+        left, right = np.where(first, middle, left), np.where(first, right, middle)
+        b = np.where(third, m, b)
+        left, right, a, b = (
+            np.concatenate(pair) for pair in zip((left, right, a, b), more, strict=True)
+        )
+    places = np.unique((left + right) / 2)
+    return np.sort(np.concatenate([low, places])), np.sort(np.concatenate([high, places]))
