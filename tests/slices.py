@@ -178,14 +178,14 @@ class Slices:
         """All theta where something may begin or end, NaN where it does not."""
         view, a = self.view, self.a
         found = [np.zeros(len(e), Real)]
+        side = np.cross(a, e)
 
         def through(pole: np.ndarray) -> None:
             theta = np.arctan2(-(pole @ a), e @ pole)
             found.append(np.where(theta < 0, theta + PI, theta))
 
         def flat(centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            x, y = centre @ a, e @ centre
-            return x, y, centre @ centre - x * x - y * y
+            return centre @ a, e @ centre, (side @ centre) ** 2
 
         def tangents(centre: np.ndarray, radius: np.ndarray) -> None:
             x, y, aside2 = flat(centre)

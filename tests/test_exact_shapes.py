@@ -141,11 +141,11 @@ CASES = {
 }
 for power in range(2, 9):
     small = 10.0**-power
-    # A ball of 0.2 m half-way, the middle of whose edge passes just beside the light's centre.
+    # A ball of 0.2 m half-way, whose edge is seen a tenth of the size beside the light's middle.
     CASES[f"1e-{power} m"] = Case(size=small, point=(0.0, 0.0, 0.0))
     CASES[f"1e-{power} m, half hidden"] = Case(
         size=small, point=(0.0, 0.0, 0.0),
-        balls=(((0.2 / math.sqrt(1 - 0.04 / 2.25) + 0.1 * small, 1.5, 0.0), 0.2),),
+        balls=(((0.2 + 0.05 * small, 1.5, 0.0), 0.2),),
     )  # fmt: skip
 
 

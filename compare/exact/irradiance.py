@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compare.exact.curves import Cap, Great, Rim
+from compare.exact.curves import EPS, Cap, Great, Rim
 from compare.exact.outline import BLUR, ROUNDING, Cut, Part, Region, Within, visible_part
 from compare.exact.polygon import TOUCH, Caps, Polygon, beside_caps, distance, unoccluded
 from compare.exact.receivers import Receivers
@@ -124,7 +124,7 @@ def _polygon_view(
         caps = Caps.of_spheres(scene, near.point[which], sphere[CONE])
         beside = beside_caps(polygon[which], near.normal[which], caps)
         i = index[which]
-        error = ROUNDING * (beside.length + beside.lost + 0.5 * beside.ends)
+        error = ROUNDING * (beside.length + beside.lost) + EPS * beside.ends
         error += blur[i] * beside.sensitivity
         views.take(i, Part(beside.value, error, beside.length, beside.lost), angle[which])
     for which, sphere in _groups(state * ~simple[:, None], 4 * polygon.vertex.shape[1]):

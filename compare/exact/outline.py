@@ -17,8 +17,8 @@ from compare.exact.curves import EPS, Cap, Curve, Great, Rim, Side, linear_roots
 from compare.exact.vectors import dot, unit
 
 ROUNDING = 16 * EPS
-"""Bound on the rounding error per radian of outline, and of each place where curves cross: over
-ten times the largest that was measured (docs/exact.md)."""
+"""Bound on the rounding error per radian of outline; to each piece that ends where curves cross
+EPS are added. Over ten times the largest error that was measured (docs/exact.md)."""
 BLUR = 2 * EPS
 """Coordinates count as known to this, relatively: what rounding the receiver's own and the
 differences from it may shift an outline by."""
@@ -189,7 +189,7 @@ def visible_part(
             else:
                 lost += total
             ends = (kept & ~(after - before >= 2 * curve.half[:, None])).sum(axis=1)
-            error += ROUNDING * (total + 0.5 * ends)
+            error += ROUNDING * total + EPS * ends
             error += blur * np.where(kept, curve.shift(before, after), 0).sum(axis=1)
     return Part(value, error, length, lost)
 
