@@ -139,14 +139,11 @@ CASES = {
     "its plane": Case(point=(2.0, 3.0, 0.0), normal=(-1, 0.1, 0.1)),
     "far": Case(point=(300.0, -400.0, 50.0), normal=(-0.3, 0.4, 0.1), balls=(((0.3, 2.3, 0), 0.4),)),
 }
-for power in range(2, 9):
+for power in (2, 4):
     small = 10.0**-power
     # A ball of 0.2 m half-way, whose edge is seen a tenth of the size beside the light's middle.
-    CASES[f"1e-{power} m"] = Case(size=small, point=(0.0, 0.0, 0.0))
-    CASES[f"1e-{power} m, half hidden"] = Case(
-        size=small, point=(0.0, 0.0, 0.0),
-        balls=(((0.2 + 0.05 * small, 1.5, 0.0), 0.2),),
-    )  # fmt: skip
+    ball = ((0.2 + 0.05 * small, 1.5, 0.0), 0.2)
+    CASES[f"1e-{power} m, half hidden"] = Case(size=small, point=(0.0, 0.0, 0.0), balls=(ball,))
 
 
 def assert_within_bound(view: LightView, value, error, label) -> None:
