@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
+import mpmath as mp
 import numpy as np
 import pytest
 
+from compare.exact.image import LIT, PENUMBRA, UMBRA, exact_image
 from compare.exact.irradiance import LightView, SurfaceLight, light_view
 from compare.exact.receivers import Receivers
 from compare.scene import (
@@ -22,9 +25,11 @@ from compare.scene import (
     Sphere,
     SphereLight,
     TriangleLight,
+    read_scene,
 )
 from tests.slices import by_slices
 
+SCENES = Path(__file__).resolve().parent.parent / "scenes"
 WHITE = (1.0, 1.0, 1.0)
 SHAPES = ("quad", "triangle", "disk", "sphere")
 CENTRE = np.array([0.0, 3.0, 0.0])
@@ -160,3 +165,218 @@ def test_closed_form_is_the_definition_in_every_hard_case(shape):
         scene, light, receivers = case.made(shape, *random_frame(i))
         value, error = by_slices(scene, light, receivers, 1e-17 * case.size**2)
         assert_within_bound(light_view(scene, light, receivers), value, error, name)
+
+
+# ------------------------------------------------------------------------------- thirty digits
+
+
+def mp_vector(v) -> list[mp.mpf]:
+    return [mp.mpf(float(x)) for x in v]
+
+
+def mp_dot(a, b):
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def mp_cross(a, b):
+    return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
+
+
+def mp_polygon(light: QuadLight | TriangleLight, point, normal):
+    """Lambert's sum over the part above the horizon; positive on the lit side."""
+    corner, u, v = (mp_vector(x) for x in (light.corner, light.edge_u, light.edge_v))
+    places = [(0, 0), (1, 0), (1, 1), (0, 1)] if isinstance(light, QuadLight) else None
+    vertices = [
+        [c + s * x + t * y - p for c, x, y, p in zip(corner, u, v, point, strict=True)]
+        for s, t in places or [(0, 0), (1, 0), (0, 1)]
+    ]
+    above = []
+    for k, b in enumerate(vertices):
+        a = vertices[k - 1]
+        ha, hb = mp_dot(a, normal), mp_dot(b, normal)
+        if (ha >= 0) != (hb >= 0):
+            above.append([x + ha / (ha - hb) * (y - x) for x, y in zip(a, b, strict=True)])
+        if hb >= 0:
+            above.append(b)
+    total = mp.mpf(0)
+    for k, b in enumerate(above):
+        moment = mp_cross(above[k - 1], b)
+        sine = mp.sqrt(mp_dot(moment, moment))
+        if sine > 0:
+            total += mp.atan2(sine, mp_dot(above[k - 1], b)) * mp_dot(moment, normal) / sine
+    return total / 2
+
+
+def mp_disk(light: DiskLight, point, normal):
+    """Stokes around the rim, by numbers: 1/2 n . integral of X x X' / X^2 dphi."""
+    m = mp_vector(light.normal)
+    m = [x / mp.sqrt(mp_dot(m, m)) for x in m]
+    c = [x - p for x, p in zip(mp_vector(light.center), point, strict=True)]
+    u = mp_cross(m, [1, 0, 0] if abs(m[0]) < 0.6 else [0, 1, 0])
+    u = [light.radius * x / mp.sqrt(mp_dot(u, u)) for x in u]
+    v = mp_cross(m, u)
+
+    def slope(phi):
+        cosine, sine = mp.cos(phi), mp.sin(phi)
+        x = [a + b * cosine + d * sine for a, b, d in zip(c, u, v, strict=True)]
+        dx = [d * cosine - b * sine for b, d in zip(u, v, strict=True)]
+        return mp_dot(normal, mp_cross(x, dx)) / mp_dot(x, x)
+
+    return mp.quad(slope, mp.linspace(0, 2 * mp.pi, 5)) / 2
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_lights_of_any_size_are_within_the_bound_of_thirty_digits(shape):
+    """Lights of 1 to 1e-8 m, metres away, turned at random, polygons also half below the horizon.
+    The bound is useful: for the best one of each size under 1e-13 d / w of the value."""
+    rng = np.random.default_rng(11)
+    for power in range(9):
+        relative = []
+        for _ in range(4):
+            turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+            turn *= np.sign(np.linalg.det(turn))
+            shift = rng.normal(size=3)
+            towards = rng.normal(size=3) * (0.3, 0, 0.3) + (0, 1, 0)
+            if shape in ("quad", "triangle") and rng.random() < 0.4:
+                towards = np.cross(rng.normal(size=3), CENTRE)  # the light is on the horizon
+            case = Case(size=10.0**-power, point=tuple(rng.normal(size=3)), normal=tuple(towards))
+            scene, light, receivers = case.made(shape, turn, shift)
+            view = light_view(scene, light, receivers)
+            with mp.workdps(40):
+                point, normal = mp_vector(receivers.point[0]), mp_vector(receivers.normal[0])
+                if isinstance(light, SphereLight):
+                    c = [x - p for x, p in zip(mp_vector(light.center), point, strict=True)]
+                    d = mp.sqrt(mp_dot(c, c))
+                    expected = mp.pi * (light.radius / d) ** 2 * mp_dot(c, normal) / d
+                    whole = view.whole[0]
+                elif isinstance(light, DiskLight):
+                    expected, whole = mp_disk(light, point, normal), view.whole[0]
+                else:
+                    expected, whole = max(0, mp_polygon(light, point, normal)), True
+                if whole:
+                    off = float(abs(view.projected_solid_angle[0] - expected))
+                    assert off <= view.error_bound[0], (power, off, view)
+                    relative.append(view.error_bound[0] / float(abs(expected) + view.error_bound[0]))
+        assert len(relative) >= 2
+        assert min(relative) < 1e-13 * 10.0**power
+
+
+# ------------------------------------------------------------------------- values known otherwise
+
+
+@pytest.mark.parametrize("shape", ["disk", "sphere"])
+@pytest.mark.parametrize("slack", [0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-6, -1e-6, 1e-4, -1e-4])
+def test_eclipse_leaves_a_ring(shape, slack):
+    """A ball on the axis through the receiver: of the light's cone, half-angle alpha, its own,
+    beta, is hidden, sin(beta) = (1 - slack) sin(alpha) as rounded: pi (sin^2 alpha - sin^2 beta)
+    is left, or nothing."""
+    sine = 1 / math.sqrt(10) if shape == "disk" else 1 / 3
+    ball = Case(balls=(((0, 1.5, 0), 1.5 * sine * (1 - slack)),), point=(0, 0, 0), normal=(0, 1, 0))
+    scene, light, receivers = ball.made(shape, np.eye(3), np.zeros(3))
+    view = light_view(scene, light, receivers)
+    with mp.workdps(30):
+        alpha2 = mp.mpf(1) / (10 if shape == "disk" else 9)
+        left = mp.pi * (alpha2 - (mp.mpf(scene.spheres[0].radius) / 1.5) ** 2)
+        assert abs(view.projected_solid_angle[0] - max(0, left)) <= view.error_bound[0] < 1e-13
+    assert not view.whole[0] and view.hidden[0] == (slack < 1e-11)
+
+
+@pytest.mark.parametrize("slack", [1e-15, -1e-15, 1e-10, -1e-10, 1e-4, -1e-4])
+def test_ball_that_touches_the_outline_hides_its_cone_or_nothing(slack):
+    """A disk 3 m above, of radius 1, a ball that touches its cone from outside or from within to
+    `slack` of its radius. Outside it hides less than the sliver of that width; within all of
+    pi sin^2(beta) cos(axis, normal), or that but for such a sliver."""
+    edge = math.atan(1 / 3)
+    for side in (-1, 1):
+        beta = math.asin(0.1 / 2)
+        angle = edge + side * beta * (1 + slack)
+        centre = (2 * math.sin(angle), 2 * math.cos(angle), 0.0)
+        case = Case(balls=((centre, 0.1),), point=(0, 0, 0), normal=(0, 1, 0))
+        scene, light, receivers = case.made("disk", np.eye(3), np.zeros(3))
+        view = light_view(scene, light, receivers)
+        hidden = 0.0 if side > 0 else math.pi * 0.05**2 * math.cos(angle)
+        off = abs(math.pi / 10 - hidden - view.projected_solid_angle[0])
+        assert off <= view.error_bound[0] + 2 * beta * abs(slack) ** 1.5
+        assert view.whole[0] == (side > 0 and slack > 1e-12)
+
+
+def test_sphere_light_half_in_the_floor_shines_as_a_half():
+    """Centre on the receiver's plane: the upper half of its cone, seen from above the segment
+    x >= cos(alpha) of the unit disc: alpha - sin(alpha) cos(alpha). The floor hides no more."""
+    for distance in (1.0 + 1e-6, 1.5, 100.0):
+        floor = Case(point=(distance, 3.0, 0), normal=(0, 1, 0), planes=(((5, 3, 5), (0, 1, 0)),))
+        scene, light, receivers = floor.made("sphere", np.eye(3), np.zeros(3))
+        receivers = dataclasses.replace(receivers, object_id=np.array([0]))
+        view = light_view(scene, light, receivers)
+        alpha = math.asin(1 / distance)
+        expected = alpha - math.sin(alpha) * math.cos(alpha)
+        assert abs(view.projected_solid_angle[0] - expected) <= view.error_bound[0] + 1e-16
+        assert not view.whole[0] and not view.hidden[0]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_receivers_that_see_no_light_are_in_umbra(shape):
+    """In a sphere light (or behind a flat one), behind a plane, in a ball that does not reach the
+    light, behind a ball that holds it; a ball in the light, or beyond, hides nothing."""
+    inside = (0.1, 3.2, 0.1)
+    dark = [
+        Case(point=inside, normal=(0, 1, 0)),
+        Case(planes=(((0, 1, 0), (0, 1, 0.1)),)),
+        Case(balls=(((0.4, 0, 0.2), 1.0),)),
+        Case(balls=((CENTRE, 1.6),)),
+        Case(normal=(0, -1, 0)),
+    ]
+    if shape != "sphere":
+        dark.append(Case(point=(0.2, 3.0, 0.1)))
+    for i, case in enumerate(dark):
+        view = light_view(*case.made(shape, *random_frame(i)))
+        assert view.hidden[0] and not view.whole[0] and view.projected_solid_angle[0] == 0, i
+    free = light_view(*Case().made(shape, *random_frame(0)))
+    for ball in (((0.1, 3.2, 0.1), 0.2 if shape == "sphere" else 0.15), ((0, 5, 0), 0.5)):
+        view = light_view(*Case(balls=(ball,)).made(shape, *random_frame(0)))
+        assert view.whole[0]
+        np.testing.assert_array_equal(view.projected_solid_angle, free.projected_solid_angle)
+
+
+def test_triangle_and_its_mirrored_half_make_the_quad():
+    for i, case in enumerate(CASES.values()):
+        scene, quad, receivers = case.made("quad", *random_frame(i))
+        corner, u, v = (np.asarray(x) for x in (quad.corner, quad.edge_u, quad.edge_v))
+        other = tuple(map(float, corner + u + v)), tuple(-u), tuple(-v)
+        halves = [
+            light_view(scene, TriangleLight("half", *edges, WHITE), receivers)
+            for edges in ((quad.corner, quad.edge_u, quad.edge_v), other)
+        ]
+        one = light_view(scene, quad, receivers)
+        together = sum(h.projected_solid_angle[0] for h in halves)
+        bound = one.error_bound[0] + sum(h.error_bound[0] for h in halves)
+        assert abs(together - one.projected_solid_angle[0]) <= bound
+
+
+def test_image_adds_lights_of_every_shape():
+    """tp3 with each light alone, and with all four: the radiances add; dark ones do not count."""
+    scene = read_scene(SCENES / "tp3.json")
+    place = np.eye(3), np.array([0.5, 7.0, 3.0])
+    lights = [Case().made(shape, *place)[1] for shape in SHAPES]
+    groups = ("quad_lights", "triangle_lights", "disk_lights", "sphere_lights")
+    none = dict.fromkeys(groups, ())
+    images = [
+        exact_image(dataclasses.replace(scene, **none | {group: (light,)}), 30, 20)
+        for group, light in zip(groups, lights, strict=True)
+    ]
+    together = {g: (light,) for g, light in zip(groups, lights, strict=True)}
+    image = exact_image(dataclasses.replace(scene, **together), 30, 20)
+    seen = image.object_id >= 0
+    total = sum(i.radiance for i in images)
+    np.testing.assert_allclose(image.radiance[seen], total[seen], rtol=1e-13)
+    for part in images:
+        assert {LIT, PENUMBRA, UMBRA} <= set(np.unique(part.shadow[seen]))
+    lit = np.all([i.shadow == LIT for i in images], axis=0)
+    dark = np.all([i.shadow == UMBRA for i in images], axis=0)
+    np.testing.assert_array_equal(image.shadow[seen] == LIT, lit[seen])
+    np.testing.assert_array_equal(image.shadow[seen] == UMBRA, dark[seen])
+    off = dataclasses.replace(lights[3], radiance=(0.0, 0.0, 0.0))
+    without = exact_image(dataclasses.replace(scene, **together | {"sphere_lights": (off,)}), 30, 20)
+    np.testing.assert_allclose(
+        without.radiance[seen], (total - images[3].radiance)[seen], rtol=1e-13, atol=1e-15
+    )
