@@ -256,7 +256,8 @@ def test_lights_of_any_size_are_within_the_bound_of_thirty_digits(shape):
                 if whole:
                     off = float(abs(view.projected_solid_angle[0] - expected))
                     assert off <= view.error_bound[0], (power, off, view)
-                    relative.append(view.error_bound[0] / float(abs(expected) + view.error_bound[0]))
+                    if expected > 0:
+                        relative.append(view.error_bound[0] / float(expected))
         assert len(relative) >= 2
         assert min(relative) < 1e-13 * 10.0**power
 
@@ -278,7 +279,7 @@ def test_eclipse_leaves_a_ring(shape, slack):
         alpha2 = mp.mpf(1) / (10 if shape == "disk" else 9)
         left = mp.pi * (alpha2 - (mp.mpf(scene.spheres[0].radius) / 1.5) ** 2)
         assert abs(view.projected_solid_angle[0] - max(0, left)) <= view.error_bound[0] < 1e-13
-    assert not view.whole[0] and view.hidden[0] == (slack < 1e-11)
+    assert not view.whole[0] and view.hidden[0] == (slack < 1e-13)
 
 
 @pytest.mark.parametrize("slack", [1e-15, -1e-15, 1e-10, -1e-10, 1e-4, -1e-4])
@@ -297,7 +298,8 @@ def test_ball_that_touches_the_outline_hides_its_cone_or_nothing(slack):
         hidden = 0.0 if side > 0 else math.pi * 0.05**2 * math.cos(angle)
         off = abs(math.pi / 10 - hidden - view.projected_solid_angle[0])
         assert off <= view.error_bound[0] + 2 * beta * abs(slack) ** 1.5
-        assert view.whole[0] == (side > 0 and slack > 1e-12)
+        if abs(slack) > 1e-12:  # else rounding decides
+            assert view.whole[0] == (side > 0 and slack > 0)
 
 
 def test_sphere_light_half_in_the_floor_shines_as_a_half():

@@ -64,13 +64,16 @@ class _Views:
         self.value[i] = np.where(blocked, 0, value)
         self.whole[i], self.hidden[i] = ~blocked, blocked
 
-    def take(self, i: np.ndarray, part: Part, outline: np.ndarray) -> None:
-        """Receivers i see this part of what they would see; outline: the whole light's [rad]."""
+    def take(
+        self, i: np.ndarray, part: Part, outline: np.ndarray, error: np.ndarray | float = 0
+    ) -> None:
+        """Receivers i see this part of what they would see. outline: the whole light's [rad];
+        error: of it, which a shadow that it all but fills may be off by."""
         least = TOUCH * outline
         dark = part.length <= least
         value = np.clip(part.value, 0, self.value[i])
         self.value[i] = np.where(dark, 0, value)
-        self.error[i] += part.error + np.where(dark, value, 0)
+        self.error[i] += part.error + np.where(dark, value + error, 0)
         self.whole[i] &= part.lost <= least
         self.hidden[i] = dark
 
@@ -373,7 +376,7 @@ def _disk_view(scene: Scene, light: DiskLight, receivers: Receivers) -> LightVie
     for which, objects in _groups(state, 6):
         circle = [Within(rim[which])]
         part = _flat_part(scene, near[which], objects, flat[which], blur[which], circle)
-        views.take(index[which], part, outline[which])
+        views.take(index[which], part, outline[which], error[which])
     return views.done()
 
 
@@ -413,10 +416,11 @@ def _sphere_view(scene: Scene, light: SphereLight, receivers: Receivers) -> Ligh
     most = np.where((state == EDGE).any(axis=1), np.pi, whole)
     views.see(index, np.maximum(most, 0), blocked)
     alone = (state == NOTHING).all(axis=1) & ~blocked
-    views.error[index] += np.where(alone, ROUNDING * outline + blur * shift, 0)
+    error = ROUNDING * outline + blur * shift
+    views.error[index] += np.where(alone, error, 0)
     for which, objects in _groups(state, 6):
         part = _sphere_part(scene, light, near[which], objects, blur[which])
-        views.take(index[which], part, outline[which])
+        views.take(index[which], part, outline[which], error[which])
     return views.done()
 
 
