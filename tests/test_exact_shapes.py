@@ -222,7 +222,7 @@ def mp_disk(light: DiskLight, point, normal):
         dx = [d * cosine - b * sine for b, d in zip(u, v, strict=True)]
         return mp_dot(normal, mp_cross(x, dx)) / mp_dot(x, x)
 
-    return mp.quad(slope, mp.linspace(0, 2 * mp.pi, 5)) / 2
+    return mp.quad(slope, mp.linspace(0, 2 * mp.pi, 5), maxdegree=5) / 2
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compare.exact.vectors import cross, dot, frame_towards, norm, unit
+from compare.exact.vectors import cross, dot, frame_towards, norm
 
 EPS = float(np.finfo(np.float64).eps)
 COINCIDE = 8 * EPS
@@ -281,7 +281,7 @@ def sides(one: Curve, two: Curve) -> tuple[Side, Side]:
     left make closed outlines."""
     if isinstance(one, Cap) and isinstance(two, Cap):
         return _two_caps(one, two)
-    if isinstance(two, Rim) and not isinstance(one, Rim) or isinstance(one, Great):
+    if (isinstance(two, Rim) and not isinstance(one, Rim)) or isinstance(one, Great):
         if not (isinstance(two, Great)):
             second, first = sides(two, one)
             return first, second

@@ -7,7 +7,7 @@ docs/exact.md derives it. Everything here is a projected solid angle [sr]: the i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
