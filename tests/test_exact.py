@@ -615,9 +615,7 @@ def test_ball_beyond_the_light_hides_nothing_and_a_ball_about_it_all():
     assert np.all(after.radiance[after.object_id >= 0] == 0)
 
 
-@pytest.mark.parametrize(
-    ("height", "disc_radius"), [(4.0, 2.5 / math.sqrt(24.75)), (4.3, 0.4)]
-)
+@pytest.mark.parametrize(("height", "disc_radius"), [(4.0, 2.5 / math.sqrt(24.75)), (4.3, 0.4)])
 def test_ball_that_cuts_the_light_hides_a_disc(height, disc_radius):
     """A ball of radius R = 1/2 straight above the receiver, cut by the light 5 m up. Its outline,
     the tangent circle, is (D^2 - R^2) / D up. Centred in the light (D = 5) that is 4.95, before

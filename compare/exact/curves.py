@@ -28,6 +28,7 @@ class Curve(ABC):
     w: np.ndarray
     half: np.ndarray
     """(n,) the curve is phi from -half to half: pi, or an edge's half-angle"""
+
     def at(self, phi: np.ndarray) -> np.ndarray:
         """(n, k) -> (n, k, 3)"""
         cosine, sine = np.cos(phi)[..., None], np.sin(phi)[..., None]
@@ -376,7 +377,9 @@ def _two_caps(one: Cap, two: Cap) -> tuple[Side, Side]:
     apart = np.arctan2(norm(normal), dot(one.axis, two.axis))
     a, b = np.arctan2(one.sine, one.cosine), np.arctan2(two.sine, two.cosine)
     s = 0.5 * (apart + a + b)
-    sin_s, sin_apart, sin_a, sin_b = (np.sin(np.maximum(x, 0)) for x in (s, s - apart, s - a, s - b))
+    sin_s, sin_apart, sin_a, sin_b = (
+        np.sin(np.maximum(x, 0)) for x in (s, s - apart, s - a, s - b)
+    )
     within_two = apart + a <= b + COINCIDE
     within_one = (apart + b <= a + COINCIDE) & ~within_two
     result = []

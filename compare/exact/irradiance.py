@@ -260,9 +260,7 @@ def _cut_by(radius: float, centre: np.ndarray, i: np.ndarray, light: _Flat) -> n
     return np.where(behind, CONE, np.where(clear, NOTHING, CUT))
 
 
-def _groups(
-    state: np.ndarray, curves: int
-) -> Iterator[tuple[np.ndarray, dict[int, np.ndarray]]]:
+def _groups(state: np.ndarray, curves: int) -> Iterator[tuple[np.ndarray, dict[int, np.ndarray]]]:
     """(which, objects): receivers to which equally many objects are the same, and by what they are
     those objects' columns, (k, m) each; in parts that keep the temporary arrays small."""
     count = np.stack([(state == kind).sum(axis=1) for kind in KINDS[1:]], axis=1)
@@ -272,10 +270,13 @@ def _groups(
         step = max(1, CHUNK // (6 * total * (curves + total)))
         for start in range(0, len(group), step):
             which = group[start : start + step]
-            yield which, {
-                kind: np.nonzero(state[which] == kind)[1].reshape(len(which), m)
-                for kind, m in zip(KINDS[1:], counts, strict=True)
-            }
+            yield (
+                which,
+                {
+                    kind: np.nonzero(state[which] == kind)[1].reshape(len(which), m)
+                    for kind, m in zip(KINDS[1:], counts, strict=True)
+                },
+            )
 
 
 def _flat_part(
@@ -299,9 +300,7 @@ def _flat_part(
         slope = dot(towards, normal)
         across = np.maximum(1 - slope**2, TOUCH)
         line = np.sqrt((offset**2 + height**2 + 2 * offset * height * slope) / across)
-        windows.append(
-            Within(Great(unit(pole), light.middle, np.where(offset > 0, line, np.inf)))
-        )
+        windows.append(Within(Great(unit(pole), light.middle, np.where(offset > 0, line, np.inf))))
     for kind in (CONE, CUT, AROUND):
         for centre, radius in _picked_spheres(scene, receivers, objects[kind]):
             above = height - centre @ light.normal
@@ -311,9 +310,7 @@ def _flat_part(
                 windows.append(Within(rim))
                 continue
             cap = Cap(centre, radius, light.middle)
-            shadows.append(
-                Within(cap) if kind == CONE else Cut(cap, rim, False, light.middle)
-            )
+            shadows.append(Within(cap) if kind == CONE else Cut(cap, rim, False, light.middle))
     return visible_part(receivers.normal, blur, outline, windows, shadows)
 
 

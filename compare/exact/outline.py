@@ -192,4 +192,3 @@ def visible_part(
             error += ROUNDING * total + EPS * ends
             error += blur * np.where(kept, curve.shift(before, after), 0).sum(axis=1)
     return Part(value, error, length, lost)
-

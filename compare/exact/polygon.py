@@ -177,9 +177,7 @@ def distance(point: np.ndarray, polygon: Polygon, normal: np.ndarray) -> np.ndar
     squared = dot(edge, edge)
     t = np.clip(dot(offset, edge) / np.where(squared > 0, squared, 1), 0, 1)
     to_edge = offset - t[..., None] * edge
-    return np.where(
-        over, np.abs(offset[:, 0] @ normal), np.sqrt(dot(to_edge, to_edge)).min(axis=1)
-    )
+    return np.where(over, np.abs(offset[:, 0] @ normal), np.sqrt(dot(to_edge, to_edge)).min(axis=1))
 
 
 @dataclass(frozen=True)
@@ -230,9 +228,7 @@ def _edges_outside(polygon: Polygon, caps: Caps) -> tuple[np.ndarray, np.ndarray
     # circle's own crossings below, so that the two always agree on whether there are any.
     root = _root(caps.sine[:, None], across)
     reach = np.arctan2(root, caps.cosine[:, None])
-    centre = np.arctan2(
-        dot(middle[:, :, None], cross(axis, side)), dot(middle[:, :, None], axis)
-    )
+    centre = np.arctan2(dot(middle[:, :, None], cross(axis, side)), dot(middle[:, :, None], axis))
     start = np.clip(np.where(root > 0, centre - reach, half), -half, half)
     end = np.clip(np.where(root > 0, centre + reach, half), -half, half)
     before, after = _gaps(start, end, -half, half)
