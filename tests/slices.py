@@ -20,8 +20,8 @@ from compare.scene import DiskLight, Scene, SphereLight, TriangleLight
 
 Real = np.longdouble
 PI = np.arctan2(Real(0), Real(-1))
-START, NODES, MOST = 96, (12, 20), 1000
-"""Half-planes looked at first; Gauss's nodes in a panel; panels at once, more of which are noise."""
+NODES, MOST = (12, 20), 1000
+"""Gauss's nodes in a panel; panels at once, more of which are noise."""
 
 
 def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -234,15 +234,16 @@ class Slices:
 
 
 def by_slices(
-    scene: Scene, light: SurfaceLight, receivers: Receivers, tolerance: float = 1e-17
+    scene: Scene, light: SurfaceLight, receivers: Receivers, tolerance: float, start: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Projected solid angle [sr] and how far two of Gauss's rules are apart: (n,) each."""
-    results = [_one(scene, light, receivers, i, tolerance) for i in range(len(receivers))]
+    """Projected solid angle [sr] and how far two of Gauss's rules are apart: (n,) each. start:
+    half-planes looked at first; what begins and ends between two of them is overlooked."""
+    results = [_one(scene, light, receivers, i, tolerance, start) for i in range(len(receivers))]
     return np.array([r[0] for r in results]), np.array([r[1] for r in results], dtype=float)
 
 
 def _one(
-    scene: Scene, light: SurfaceLight, receivers: Receivers, i: int, tolerance: float
+    scene: Scene, light: SurfaceLight, receivers: Receivers, i: int, tolerance: float, start: int
 ) -> tuple[np.ndarray, float]:
     view = View.of(scene, light, receivers, i)
     if view.sphere is not None:
@@ -251,7 +252,7 @@ def _one(
     elif view.height <= 1e-12 * _norm(view.middle):
         return Real(0), 0.0
     slices = Slices(view)
-    ends = np.linspace(-PI, PI, START + 1, dtype=Real) + Real(0.0123)
+    ends = np.linspace(-PI, PI, start + 1, dtype=Real) + Real(0.0123)
     low, high = _parted(slices, ends[:-1], ends[1:])
     value, error = Real(0), 0.0
     for _ in range(40):

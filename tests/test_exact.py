@@ -366,7 +366,7 @@ def test_closed_form_is_the_definition_slice_by_slice(case):
         assert not (view.whole & view.hidden).any()
         assert np.all(view.projected_solid_angle[view.hidden] == 0)
         some = np.flatnonzero(~view.whole & ~view.hidden)[:1]
-        value, error = by_slices(scene, scene.quad_lights[0], receivers[some], 1e-16)
+        value, error = by_slices(scene, scene.quad_lights[0], receivers[some], 1e-16, 96)
         off = np.abs(view.projected_solid_angle[some] - value).astype(float)
         assert np.all(off <= view.error_bound[some] + error), (seed, some)
         seen += len(some)

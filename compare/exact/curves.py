@@ -282,10 +282,10 @@ def sides(one: Curve, two: Curve) -> tuple[Side, Side]:
     left make closed outlines."""
     if isinstance(one, Cap) and isinstance(two, Cap):
         return _two_caps(one, two)
-    if (isinstance(two, Rim) and not isinstance(one, Rim)) or isinstance(one, Great):
-        if not (isinstance(two, Great)):
-            second, first = sides(two, one)
-            return first, second
+    finders = (Great, Cap, Rim)
+    if finders.index(type(one)) < finders.index(type(two)):
+        second, first = sides(two, one)
+        return first, second
     along_one, along_two = _values(one, two), _values(two, one)
     if isinstance(two, Great):
         if isinstance(one, Great):
@@ -459,20 +459,20 @@ def _extrema(
         ends = np.full((len(a), 1), 1.0)
         cuts = np.concatenate([-ends, cuts, ends], axis=1)
         low, high = cuts[:, :-1], cuts[:, 1:]
-        d0, d1, d2, d3 = (d[:, None] for d in (d0, d1, d2, d3))
-
-        def slope(t: np.ndarray, d0=d0, d1=d1, d2=d2, d3=d3) -> np.ndarray:  # type: ignore[no-untyped-def]
-            return np.asarray(d0 + t * (d1 + t * (d2 + t * d3)))
-
-        rising = slope(low) <= 0
+        d = [x[:, None] for x in (d0, d1, d2, d3)]
+        rising = _cubic(d, low) <= 0
         for _ in range(40):
             t = 0.5 * (low + high)
-            below = (slope(t) <= 0) == rising
+            below = (_cubic(d, t) <= 0) == rising
             low, high = np.where(below, t, low), np.where(below, high, t)
         t = np.concatenate([cuts[:, :1], 0.5 * (low + high), ends], axis=1)
         places.append(start + 2 * np.arctan(t))
     phi = np.concatenate(places, axis=1)
     return np.where(phi > np.pi, phi - 2 * np.pi, phi)
+
+
+def _cubic(d: list[np.ndarray], t: np.ndarray) -> np.ndarray:
+    return np.asarray(d[0] + t * (d[1] + t * (d[2] + t * d[3])))
 
 
 def bracketed(

@@ -36,8 +36,9 @@ class ExactImage:
     """(H, W) bool: the 3x3 pixels around it hold two objects (or background), or both sides
     of a point light's shadow"""
     error_bound: np.ndarray
-    """(H, W) bound on the absolute error of radiance's largest channel: rounding. With pixel_grid > 1 of the mean over the grid, not
-    of the grid as a stand-in for the pixel (docs/exact.md)"""
+    """(H, W) bound on the absolute error of radiance's largest channel: rounding, the
+    coordinates' included. With pixel_grid > 1 of the mean over the grid, not of the grid as a
+    stand-in for the pixel (docs/exact.md)"""
 
 
 def exact_image(
