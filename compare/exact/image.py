@@ -1,21 +1,18 @@
 """The exact image: direct lighting without noise, and which pixels see how much of the lights.
 
-docs/exact.md derives it. irradiance.py has the closed form, quadrature.py what stands in where
-there is none.
+docs/exact.md derives it; irradiance.py has what one light gives.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from compare.exact.irradiance import LightView, quad_view
-from compare.exact.quadrature import integrate_light
+from compare.exact.irradiance import light_view
 from compare.exact.receivers import Receivers, camera_hits
-from compare.scene import PointLight, QuadLight, Scene
+from compare.scene import PointLight, Scene
 
 BACKGROUND, LIT, PENUMBRA, UMBRA = 0, 1, 2, 3
 """Values of ExactImage.shadow."""
@@ -39,9 +36,9 @@ class ExactImage:
     """(H, W) bool: the 3x3 pixels around it hold two objects (or background), or both sides
     of a point light's shadow"""
     error_bound: np.ndarray
-    """(H, W) bound on the absolute error of radiance's largest channel: rounding alone where
-    the light's integral has a closed form. With pixel_grid > 1 of the mean over the grid, not
-    of the grid as a stand-in for the pixel (docs/exact.md)"""
+    """(H, W) bound on the absolute error of radiance's largest channel: rounding, the
+    coordinates' included. With pixel_grid > 1 of the mean over the grid, not of the grid as a
+    stand-in for the pixel (docs/exact.md)"""
 
 
 def exact_image(
@@ -153,10 +150,12 @@ def shade(scene: Scene, hits: Receivers) -> tuple[np.ndarray, ...]:
             blocked[index, i] = behind
             whole &= visible
             hidden &= ~visible
-    for quad_light in scene.quad_lights:
-        light_radiance = np.asarray(quad_light.radiance)
+    for light in scene.lights:
+        if isinstance(light, PointLight):
+            continue
+        light_radiance = np.asarray(light.radiance)
         if light_radiance.any():
-            view = _solved_view(scene, quad_light, receivers)
+            view = light_view(scene, light, receivers)
             irradiance += view.projected_solid_angle[:, None] * light_radiance
             irradiance_error += view.error_bound[:, None] * light_radiance
             whole &= view.whole
@@ -165,23 +164,6 @@ def shade(scene: Scene, hits: Receivers) -> tuple[np.ndarray, ...]:
     error[index] = (brdf * irradiance_error).max(axis=1, initial=0)
     shadow[index] = np.where(hidden, UMBRA, np.where(whole, LIT, PENUMBRA))
     return radiance, hits.object_id, shadow, error, blocked
-
-
-def _solved_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView:
-    """The closed form, and quadrature where there is none."""
-    view = quad_view(scene, light, receivers)
-    if not view.unsolved.any():
-        return view
-    without = view.projected_solid_angle[view.unsolved]
-    value, error = integrate_light(scene, light, receivers[view.unsolved])
-    place = partial(_placed, which=view.unsolved)
-    return LightView(
-        projected_solid_angle=place(view.projected_solid_angle, value),
-        error_bound=place(view.error_bound, error),
-        whole=place(view.whole, without - value <= error),
-        hidden=place(view.hidden, value <= error),
-        unsolved=np.zeros_like(view.unsolved),
-    )
 
 
 def _point_view(
@@ -211,12 +193,6 @@ def _point_view(
     with np.errstate(divide="ignore", invalid="ignore"):
         geometry = np.where(visible, height / (squared * np.sqrt(squared)), 0)
     return geometry, visible, behind
-
-
-def _placed(old: np.ndarray, new: np.ndarray, which: np.ndarray) -> np.ndarray:
-    result = old.copy()
-    result[which] = new
-    return result
 
 
 def _mixed_neighbourhood(values: np.ndarray) -> np.ndarray:

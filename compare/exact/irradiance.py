@@ -1,4 +1,5 @@
-"""Irradiance from a uniform quad light behind spheres and planes, in closed form.
+"""Irradiance from a uniform quad, triangle, disk or sphere light behind spheres and planes, in
+closed form.
 
 docs/exact.md derives it. Everything here is a projected solid angle [sr]: the irradiance
 [W m^-2] over the light's radiance [W m^-2 sr^-1].
@@ -11,18 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compare.exact.curves import EPS, Cap, Great, Rim
+from compare.exact.outline import BLUR, ROUNDING, Cut, Part, Region, Within, visible_part
+from compare.exact.polygon import TOUCH, Caps, Polygon, beside_caps, distance, unoccluded
 from compare.exact.receivers import Receivers
-from compare.scene import QuadLight, Scene
+from compare.exact.vectors import cross, dot, norm, unit
+from compare.scene import DiskLight, QuadLight, Scene, Sphere, SphereLight, TriangleLight
 
-TOUCH = 1e-12
-"""Lengths relative to the distances that they are differences of, and angles [rad], below
-which rounding decides: a light that lies in a plane is not behind it, a light that stands on
-the receiver's plane is not below its horizon, a sliver that thin hides or shows nothing."""
-ROUNDING = 16 * np.finfo(np.float64).eps
-"""Bound on the rounding error per radian of outline: over ten times the largest that was
-measured (docs/exact.md)."""
+SurfaceLight = QuadLight | DiskLight | TriangleLight | SphereLight
 CHUNK = 1 << 20
 """Numbers in one temporary array: 8 MiB."""
+NOTHING, EDGE, CONE, CUT, AROUND, BEFORE = KINDS = range(6)
+"""What an object is to a receiver and a light. EDGE: a plane (or the horizon) through a flat light,
+the horizon through a sphere light. CONE: a ball that hides its whole cone. CUT: one that cuts the
+light and hides some of it. AROUND: one that shows what it leaves of the light: the receiver
+is in it, or it cuts a sphere light beyond its outline. BEFORE: a plane through a sphere light."""
 
 
 @dataclass(frozen=True)
@@ -37,438 +41,459 @@ class LightView:
     """(n,) bool: wholly visible"""
     hidden: np.ndarray
     """(n,) bool: no part visible"""
-    unsolved: np.ndarray
-    """(n,) bool: no closed form (a ball cuts the light, or the receiver and part of the light
-    are inside one): projected_solid_angle is then an upper bound, without those balls"""
 
 
-def quad_view(scene: Scene, light: QuadLight, receivers: Receivers) -> LightView:
-    """What the receivers see of a quad light, other objects' shadows included."""
-    n = len(receivers)
-    value, error = np.zeros(n), np.zeros(n)
-    whole, hidden = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
-    unsolved = np.zeros(n, dtype=bool)
+def light_view(scene: Scene, light: SurfaceLight, receivers: Receivers) -> LightView:
+    """What the receivers see of a light, other objects' shadows included."""
+    if isinstance(light, SphereLight):
+        return _sphere_view(scene, light, receivers)
+    if isinstance(light, DiskLight):
+        return _disk_view(scene, light, receivers)
+    return _polygon_view(scene, light, receivers)
 
-    corner, edge_u, edge_v = (np.asarray(v) for v in (light.corner, light.edge_u, light.edge_v))
-    to_corner = corner - receivers.point
-    reach = np.sqrt(_dot(to_corner, to_corner)) + np.linalg.norm(edge_u) + np.linalg.norm(edge_v)
-    facing = np.flatnonzero(to_corner @ np.asarray(light.normal) > TOUCH * reach)
+
+class _Views:
+    """A LightView in the making: hidden everywhere."""
+
+    def __init__(self, n: int) -> None:
+        self.value, self.error = np.zeros(n), np.zeros(n)
+        self.whole, self.hidden = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
+
+    def see(self, i: np.ndarray, value: np.ndarray, blocked: np.ndarray) -> None:
+        """Receivers i see at most this much, or nothing."""
+        self.value[i] = np.where(blocked, 0, value)
+        self.whole[i], self.hidden[i] = ~blocked, blocked
+
+    def take(
+        self, i: np.ndarray, part: Part, outline: np.ndarray, error: np.ndarray | float = 0
+    ) -> None:
+        """Receivers i see this part of what they would see. outline: the whole light's [rad];
+        error: of it, which a shadow that it all but fills may be off by."""
+        least = TOUCH * outline
+        dark = part.length <= least
+        value = np.clip(part.value, 0, self.value[i])
+        self.value[i] = np.where(dark, 0, value)
+        self.error[i] += part.error + np.where(dark, value + error, 0)
+        self.whole[i] &= part.lost <= least
+        self.hidden[i] = dark
+
+    def done(self) -> LightView:
+        dark = ~self.hidden & (self.value <= self.error)
+        error = self.error + np.where(dark, self.value, 0)
+        hidden = self.hidden | dark
+        value = np.where(hidden, 0, self.value)
+        return LightView(value, error, self.whole & ~hidden, hidden)
+
+
+# ---------------------------------------------------------------------------------- polygons
+
+
+def _polygon_view(
+    scene: Scene, light: QuadLight | TriangleLight, receivers: Receivers
+) -> LightView:
+    views = _Views(len(receivers))
+    edge_u, edge_v = np.asarray(light.edge_u), np.asarray(light.edge_v)
+    ends = [0 * edge_u, edge_u, edge_u + edge_v, edge_v]
+    if isinstance(light, TriangleLight):
+        del ends[2]
+    to_corner = np.asarray(light.corner) - receivers.point
+    reach = norm(to_corner) + float(norm(edge_u) + norm(edge_v))
+    blur = BLUR * (norm(receivers.point) + reach)
+    normal = np.asarray(light.normal)
+    facing = np.flatnonzero(to_corner @ normal > TOUCH * reach)
     near = receivers[facing]
-    polygon = Polygon.parallelogram(to_corner[facing], edge_u, edge_v)
-    error[facing] = ROUNDING * polygon.angle.sum(axis=1)
+    polygon = Polygon.of_corners(to_corner[facing, None] + np.stack(ends))
+    perimeter = polygon.angle.sum(axis=1)
     cut = np.zeros(len(near), dtype=bool)
-    for half_space in _half_spaces(scene, near):
-        polygon, was_cut = polygon.clipped(*half_space, np.asarray(light.normal))
+    for towards, offset in _half_spaces(scene, near):
+        polygon, was_cut, ignored = polygon.clipped(towards, offset, normal)
         cut |= was_cut
+        views.error[facing] += ignored * perimeter
     seen = ~polygon.empty
     index, near, polygon, cut = facing[seen], near[seen], polygon[seen], cut[seen]
+    angle = polygon.angle.sum(axis=1)
+    views.error[index] += ROUNDING * angle + blur[index] * polygon.sensitivity
 
-    caps, blocked, mixed = _sphere_shadows(scene, light, near, polygon)
-    view = _unoccluded(polygon, near.normal)
-    value[index] = np.where(blocked, 0, view)
-    whole[index] = ~(cut | blocked | mixed)
-    hidden[index] = blocked
-    unsolved[index] = mixed & ~blocked
-
-    for which, sphere in _groups(caps & ~blocked[:, None], polygon.vertex.shape[1]):
-        cap = Caps.of_spheres(scene, near.point[which], sphere)
-        shown, length, lost = _beside_caps(polygon[which], near.normal[which], cap)
-        i, least = index[which], TOUCH * polygon[which].angle.sum(axis=1)
-        dark = length <= least
-        value[i] = np.where(dark, 0, np.clip(shown, 0, value[i]))
-        error[i] += ROUNDING * (length + lost)
-        whole[i] &= lost <= least
-        hidden[i] = dark
-        unsolved[i] &= ~dark
-    hidden[index] |= ~unsolved[index] & (value[index] <= error[index])
-    value[hidden] = 0
-    return LightView(value, error, whole, hidden, unsolved)
-
-
-@dataclass(frozen=True)
-class Polygon:
-    """n convex polygons of up to K corners in one plane, seen from n points.
-
-    They turn counterclockwise about the light's normal, which points away from the receiver.
-    Unused places hold the first corner again: edges of length 0.
-    """
-
-    vertex: np.ndarray
-    """(n, K, 3) from the receiver [m]"""
-    side: np.ndarray
-    """(n, K, 3) unit normals of the planes through the receiver and each edge (from corner k
-    to corner k + 1), pointing inwards. Kept through clipping, since a short edge's corners
-    do not tell its direction."""
-    empty: np.ndarray
-    """(n,) bool"""
-
-    @staticmethod
-    def parallelogram(corner: np.ndarray, edge_u: np.ndarray, edge_v: np.ndarray) -> Polygon:
-        vertex = corner[:, None] + np.stack([0 * edge_u, edge_u, edge_u + edge_v, edge_v])
-        side = _unit(_cross(vertex, np.stack([edge_u, edge_v, -edge_u, -edge_v])))
-        return Polygon(vertex, side, np.zeros(len(corner), dtype=bool))
-
-    def __getitem__(self, which: np.ndarray) -> Polygon:
-        return Polygon(self.vertex[which], self.side[which], self.empty[which])
-
-    @property
-    def middle(self) -> np.ndarray:
-        """(n, 3) unit vectors to somewhere amid each polygon"""
-        return _unit(_unit(self.vertex).sum(axis=1))
-
-    @property
-    def angle(self) -> np.ndarray:
-        """(n, K) the angle that each edge subtends [rad]"""
-        after = np.roll(self.vertex, -1, axis=1)
-        sine = _dot(self.side, _cross(self.vertex, after - self.vertex))
-        return np.arctan2(np.maximum(sine, 0), _dot(self.vertex, after))
-
-    def clipped(
-        self, normal: np.ndarray, offset: np.ndarray, light_normal: np.ndarray
-    ) -> tuple[Polygon, np.ndarray]:
-        """The parts where normal . x + offset >= 0 (Sutherland-Hodgman, all at once),
-        and which polygons lost something. normal: (n, 3); offset: (n,) >= 0.
-        """
-        height = np.einsum("nki,ni->nk", self.vertex, normal) + offset[:, None]
-        touch = TOUCH * (np.sqrt(_dot(self.vertex, self.vertex)) + offset[:, None])
-        height[np.abs(height) <= touch] = 0
-        lost = (height < 0).any(axis=1)
-        gone = lost & ~(height > 0).any(axis=1)
-        crosses = np.flatnonzero(lost & ~gone & ~self.empty)
-        if not len(crosses):
-            return Polygon(self.vertex, self.side, self.empty | gone), lost
-
-        part, height = self[crosses], height[crosses]
-        after, height_after = np.roll(part.vertex, -1, axis=1), np.roll(height, -1, axis=1)
-        inside, inside_after = height >= 0, height_after >= 0
-        crossing = inside != inside_after
-        fraction = height / np.where(crossing, height - height_after, 1)
-        cut = part.vertex + fraction[..., None] * (after - part.vertex)
-        through_receiver = (offset[crosses] == 0)[:, None, None]
-        along = np.cross(normal[crosses], light_normal)[:, None]
-        new_side = np.where(through_receiver, normal[crosses, None], _unit(_cross(cut, along)))
-
-        # Each edge's first corner if it is inside, then the cut if there is one; in that order
-        # the corners kept go around the new polygon.
-        vertex = _interleaved(part.vertex, cut)
-        side = _interleaved(part.side, np.where(inside[..., None], new_side, part.side))
-        kept = np.stack([inside, crossing], axis=2).reshape(len(crosses), -1)
-        order = np.argsort(~kept, axis=1, kind="stable")
-        size = max(self.vertex.shape[1], int(kept.sum(axis=1).max()))
-        order = order[:, :size, None]
-        used = np.take_along_axis(kept[..., None], order, axis=1)
-        vertex, side = (np.take_along_axis(a, order, axis=1) for a in (vertex, side))
-        result = self._padded(size, light_normal)
-        result.vertex[crosses] = np.where(used, vertex, vertex[:, :1])
-        result.side[crosses] = np.where(used, side, light_normal)
-        return Polygon(result.vertex, result.side, self.empty | gone), lost
-
-    def _padded(self, size: int, light_normal: np.ndarray) -> Polygon:
-        """A copy with room for `size` corners. The light is before the plane with its own normal
-        through the receiver: as a side of an edge of length 0 that plane excludes nothing."""
-        more = size - self.vertex.shape[1]
-        corners = np.repeat(self.vertex[:, :1], more, axis=1)
-        sides = np.broadcast_to(light_normal, (len(self.vertex), more, 3))
-        vertex = np.concatenate([self.vertex, corners], axis=1)
-        return Polygon(vertex, np.concatenate([self.side, sides], axis=1), self.empty)
+    length = norm(polygon.vertex)
+    middle = polygon.middle
+    cosine = (np.einsum("nki,ni->nk", polygon.vertex, middle) / length).min(axis=1, initial=1)
+    flat = _Flat(normal, np.asarray(light.corner), polygon.vertex[:, 0], middle, cosine, polygon)
+    state, blocked = _balls(scene, near, flat)
+    views.see(index, unoccluded(polygon, near.normal), blocked)
+    views.whole[index] &= ~cut
+    closed = (state != CUT) & (state != AROUND)
+    simple = closed.all(axis=1)
+    for which, sphere in _groups(state * simple[:, None], polygon.vertex.shape[1]):
+        caps = Caps.of_spheres(scene, near.point[which], sphere[CONE])
+        beside = beside_caps(polygon[which], near.normal[which], caps)
+        i = index[which]
+        error = ROUNDING * (beside.length + beside.lost) + EPS * beside.ends
+        error += blur[i] * beside.sensitivity
+        views.take(i, Part(beside.value, error, beside.length, beside.lost), angle[which])
+    for which, sphere in _groups(state * ~simple[:, None], 4 * polygon.vertex.shape[1]):
+        part = _flat_part(
+            scene, near[which], sphere, flat[which], blur[index[which]], _edges(polygon[which])
+        )
+        views.take(index[which], part, angle[which])
+    return views.done()
 
 
-@dataclass(frozen=True)
-class Caps:
-    """The circular cones of directions that m spheres hide from each of n points."""
-
-    axis: np.ndarray
-    """(n, m, 3) unit vectors"""
-    sine: np.ndarray
-    """(n, m) of the half-angle"""
-    cosine: np.ndarray
-    """(n, m)"""
-
-    @staticmethod
-    def of_spheres(scene: Scene, point: np.ndarray, sphere: np.ndarray) -> Caps:
-        """sphere: (n, m) indices into scene.spheres."""
-        centre = np.array([s.center for s in scene.spheres])[sphere]
-        radius = np.array([s.radius for s in scene.spheres])[sphere]
-        axis = centre - point[:, None]
-        distance = np.sqrt(_dot(axis, axis))
-        tangent = np.sqrt(np.maximum((distance - radius) * (distance + radius), 0))
-        return Caps(axis / distance[..., None], radius / distance, tangent / distance)
-
-
-def _unoccluded(polygon: Polygon, normal: np.ndarray) -> np.ndarray:
-    """Lambert: 1/2 sum_k theta_k (gamma_k . n)"""
-    cosine = np.einsum("nki,ni->nk", polygon.side, normal)
-    return np.maximum(0.5 * (polygon.angle * cosine).sum(axis=1), 0)
+def _edges(polygon: Polygon) -> list[Within]:
+    """A polygon's edges as arcs of great circles about their middles."""
+    direction, angle, pole = unit(polygon.vertex), polygon.angle, polygon.pole
+    middle = direction + np.roll(direction, -1, axis=1)
+    far = np.full(len(angle), np.inf)  # the polygon's own sensitivity is counted already
+    return [
+        Within(Great(polygon.side[:, k], middle[:, k], far, 0.5 * angle[:, k], pole[:, k]))
+        for k in range(angle.shape[1])
+    ]
 
 
 def _half_spaces(scene: Scene, receivers: Receivers) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(normal, offset) of what the receivers' horizon and the planes leave to be seen:
+    """(normal, offset) of what the planes and, last, the receivers' horizon leave to be seen:
     normal . x + offset >= 0 for x from the receiver."""
-    result = [(receivers.normal, np.zeros(len(receivers)))]
+    result = []
     for i, plane in enumerate(scene.planes, start=len(scene.spheres)):
         normal, offset = np.asarray(plane.normal), receivers.point - np.asarray(plane.point)
         height = offset @ normal
         own = receivers.object_id == i
-        own |= np.abs(height) <= TOUCH * np.sqrt(_dot(offset, offset))
+        own |= np.abs(height) <= TOUCH * norm(offset)
         towards = np.where(own[:, None], receivers.normal, np.copysign(1, height)[:, None] * normal)
         result.append((towards, np.where(own, 0, np.abs(height))))
-    return result
+    return [*result, (receivers.normal, np.zeros(len(receivers)))]
 
 
-def _sphere_shadows(
-    scene: Scene, light: QuadLight, receivers: Receivers, polygon: Polygon
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which spheres hide a whole cone of each polygon: (n, number of spheres) bool;
-    which polygons a sphere hides for sure, and which a sphere hides without a closed form:
-    (n,) bool."""
+# -------------------------------------------------------------------------------- flat lights
+
+
+@dataclass(frozen=True)
+class _Flat:
+    """A flat light before n receivers."""
+
+    normal: np.ndarray
+    """(3,)"""
+    point: np.ndarray
+    """(3,) somewhere in its plane: a disk's centre [m]"""
+    place: np.ndarray
+    """(n, 3) the same or another one, from the receiver [m]"""
+    middle: np.ndarray
+    """(n, 3) unit vectors to amid it"""
+    spread: np.ndarray
+    """(n,) cosine of the angle from there within which it is; 0 or less where that is no use"""
+    polygon: Polygon | None
+    """its corners, of a polygon"""
+    radius: float = 0.0
+    """of a disk about `point`"""
+
+    def __getitem__(self, which: np.ndarray) -> _Flat:
+        polygon = None if self.polygon is None else self.polygon[which]
+        place, middle, spread = self.place[which], self.middle[which], self.spread[which]
+        return _Flat(self.normal, self.point, place, middle, spread, polygon, self.radius)
+
+    def apart(self, i: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances of the light's nearest and farthest place from points, (n, 3) from receivers
+        i [m]."""
+        if self.polygon is not None:
+            polygon = self.polygon[i]
+            corners = norm(polygon.vertex - centre[:, None])
+            return distance(centre, polygon, self.normal), corners.max(axis=1)
+        offset = centre - self.place[i]
+        above = offset @ self.normal
+        aside = norm(offset - above[:, None] * self.normal)
+        nearest = np.hypot(above, np.maximum(aside - self.radius, 0))
+        return nearest, np.hypot(above, aside + self.radius)
+
+
+def _balls(scene: Scene, receivers: Receivers, light: _Flat) -> tuple[np.ndarray, np.ndarray]:
+    """What each sphere is to each receiver, (n, spheres); which receivers it hides all from."""
     n = len(receivers)
-    caps = np.zeros((n, len(scene.spheres)), dtype=bool)
-    blocked, mixed = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    state = np.zeros((n, len(scene.spheres)), dtype=np.int8)
+    blocked = np.zeros(n, dtype=bool)
     if not n:
-        return caps, blocked, mixed
-    length = np.sqrt(_dot(polygon.vertex, polygon.vertex))
-    direction = polygon.vertex / length[..., None]
-    middle = polygon.middle
-    cosine_spread = np.einsum("nki,ni->nk", direction, middle).min(axis=1)
-    sine_spread = np.sqrt(np.maximum(1 - cosine_spread**2, 0))
-    normal = np.asarray(light.normal)
+        return state, blocked
+    sine_spread = np.sqrt(np.maximum(1 - light.spread**2, 0))
     for j, sphere in enumerate(scene.spheres):
-        to_centre = np.asarray(sphere.center) - receivers.point
-        distance = np.sqrt(_dot(to_centre, to_centre))
+        centre, radius = np.asarray(sphere.center), sphere.radius
+        to_centre = centre - receivers.point
+        apart = norm(to_centre)
         own = receivers.object_id == j
-        within = np.where(own, receivers.inside, distance < sphere.radius)
-        beyond = float(normal @ (np.asarray(sphere.center) - np.asarray(light.corner)))
-        slack = TOUCH * sphere.radius
-        if beyond < sphere.radius - slack:
-            sine = sphere.radius / np.maximum(distance, sphere.radius)
+        within = np.where(own, receivers.inside, apart < radius)
+        beyond = float(light.normal @ (centre - light.point))
+        slack = TOUCH * radius
+        if beyond < radius - slack:
+            sine = radius / np.maximum(apart, radius)
             cosine = np.sqrt(1 - sine**2)
             # angle(axis, middle) <= half-angle + spread; the 1e-7 covers the square roots above.
             # A wider light than a hemisphere's cap need not be where its corners are.
-            reach = cosine * cosine_spread - sine * sine_spread - 1e-7
-            reach = np.where(cosine_spread > 0, reach, -1)
-            maybe = ~own & ~within & (_dot(to_centre, middle) >= distance * reach)
-            i = np.flatnonzero(maybe)
-            depth = np.einsum("nki,ni->nk", polygon.side[i], to_centre[i]).min(axis=1)
-            i = i[depth > -sphere.radius]
-            if beyond <= -sphere.radius + slack:
-                caps[i, j] = True
+            reach = cosine * light.spread - sine * sine_spread - 1e-7
+            reach = np.where(light.spread > 0, reach, -1)
+            i = np.flatnonzero(~own & ~within & (dot(to_centre, light.middle) >= apart * reach))
+            if light.polygon is not None:
+                sides = light.polygon.side[i]
+                i = i[np.einsum("nki,ni->nk", sides, to_centre[i]).min(axis=1) > -radius]
+            if beyond <= -radius + slack:
+                state[i, j] = CONE
             else:
-                _cut_light(sphere.radius, to_centre, polygon, i, normal, caps[:, j], mixed)
+                state[i, j] = _cut_by(radius, to_centre[i], i, light)
         i = np.flatnonzero(within)
         if len(i):
-            _from_inside(sphere.radius, to_centre, polygon, i, normal, blocked, mixed)
-    return caps, blocked, mixed
+            from_centre = to_centre[i]
+            nearest, farthest = light.apart(i, from_centre)
+            blocked[i] |= nearest >= radius
+            state[i, j] = np.where(farthest > radius * (1 + TOUCH), AROUND, NOTHING)
+    state[blocked] = NOTHING
+    return state, blocked
 
 
-def _cut_light(
-    radius: float,
-    to_centre: np.ndarray,
-    polygon: Polygon,
-    i: np.ndarray,
-    normal: np.ndarray,
-    caps: np.ndarray,
-    mixed: np.ndarray,
-) -> None:
-    """A ball that cuts the light's plane, in front of the polygons i.
+def _cut_by(radius: float, centre: np.ndarray, i: np.ndarray, light: _Flat) -> np.ndarray:
+    """What a ball that cuts the light's plane is to receivers i.
 
     Behind the plane of its tangent circle (centre . x = D^2 - R^2) it hides its whole cone;
     before that plane it hides only what is in it.
     """
-    centre, vertex = to_centre[i], polygon.vertex[i]
-    ahead = np.einsum("nki,ni->nk", vertex, centre)
-    polar = _dot(centre, centre) - radius**2
-    apart = _distance(centre, polygon[i], normal) >= radius
-    behind = (ahead >= polar[:, None]).all(axis=1)
-    before = (ahead <= polar[:, None]).all(axis=1)
-    caps[i[behind]] = True
-    mixed[i[~behind & ~(before & apart)]] = True
+    if light.polygon is None:
+        return np.full(len(i), CUT)
+    ahead = np.einsum("nki,ni->nk", light.polygon.vertex[i], centre)
+    polar = (dot(centre, centre) - radius**2)[:, None]
+    behind, before = (ahead >= polar).all(axis=1), (ahead <= polar).all(axis=1)
+    clear = before & (light.apart(i, centre)[0] >= radius)
+    return np.where(behind, CONE, np.where(clear, NOTHING, CUT))
 
 
-def _from_inside(
-    radius: float,
-    to_centre: np.ndarray,
-    polygon: Polygon,
-    i: np.ndarray,
-    normal: np.ndarray,
-    blocked: np.ndarray,
-    mixed: np.ndarray,
-) -> None:
-    """Receivers i inside a ball see only what is in it as well."""
-    from_centre = polygon.vertex[i] - to_centre[i, None]
-    farthest = np.sqrt(_dot(from_centre, from_centre)).max(axis=1)
-    outside = _distance(to_centre[i], polygon[i], normal) >= radius
-    blocked[i[outside]] = True
-    mixed[i[~outside & (farthest > radius * (1 + TOUCH))]] = True
-
-
-def _distance(point: np.ndarray, polygon: Polygon, normal: np.ndarray) -> np.ndarray:
-    """From points (n, 3) to polygons with that normal [m]."""
-    edge = np.roll(polygon.vertex, -1, axis=1) - polygon.vertex
-    offset = point[:, None] - polygon.vertex
-    over = (_dot(_cross(normal, edge), offset) >= 0).all(axis=1)
-    squared = _dot(edge, edge)
-    t = np.clip(_dot(offset, edge) / np.where(squared > 0, squared, 1), 0, 1)
-    to_edge = offset - t[..., None] * edge
-    return np.where(
-        over, np.abs(offset[:, 0] @ normal), np.sqrt(_dot(to_edge, to_edge)).min(axis=1)
-    )
-
-
-def _groups(caps: np.ndarray, edges: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """(which, sphere): polygons that equally many caps meet, and those caps' spheres, (k,) and
-    (k, m), in parts that keep the temporary arrays small. caps: (n, number of spheres) bool."""
-    count = caps.sum(axis=1)
-    for m in np.unique(count[count > 0]):
-        group = np.flatnonzero(count == m)
-        step = max(1, CHUNK // (6 * m * (edges + m)))
+def _groups(state: np.ndarray, curves: int) -> Iterator[tuple[np.ndarray, dict[int, np.ndarray]]]:
+    """(which, objects): receivers to which equally many objects are the same, and by what they are
+    those objects' columns, (k, m) each; in parts that keep the temporary arrays small."""
+    count = np.stack([(state == kind).sum(axis=1) for kind in KINDS[1:]], axis=1)
+    for counts in np.unique(count[count.any(axis=1)], axis=0):
+        group = np.flatnonzero((count == counts).all(axis=1))
+        total = int(counts.sum())
+        step = max(1, CHUNK // (6 * total * (curves + total)))
         for start in range(0, len(group), step):
             which = group[start : start + step]
-            yield which, np.nonzero(caps[which])[1].reshape(-1, m)
+            yield (
+                which,
+                {
+                    kind: np.nonzero(state[which] == kind)[1].reshape(len(which), m)
+                    for kind, m in zip(KINDS[1:], counts, strict=True)
+                },
+            )
 
 
-def _beside_caps(
-    polygon: Polygon, normal: np.ndarray, caps: Caps
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The part of each polygon outside m caps: its projected solid angle, the length of its
-    boundary, and the length of what the caps hide of the polygon's plus what they add [rad].
-
-    Stokes: 1/2 n . integral of r x dr over what the caps leave of the edges and, turning the
-    other way, over what the polygon and the other caps leave of each cap's circle.
-    """
-    shown, hidden = _edges_outside(polygon, caps)
-    arcs, arc_length = _arcs_inside(polygon, normal, caps)
-    cosine = np.einsum("nki,ni->nk", polygon.side, normal)
-    edges = 0.5 * (shown * cosine).sum(axis=1)
-    return edges - arcs, shown.sum(axis=1) + arc_length, hidden.sum(axis=1) + arc_length
-
-
-def _edges_outside(polygon: Polygon, caps: Caps) -> tuple[np.ndarray, np.ndarray]:
-    """(n, K) how much of each edge the caps leave, and the most that one of them hides [rad]."""
-    half = 0.5 * polygon.angle[:, :, None]
-    direction = _unit(polygon.vertex)
-    middle = direction + np.roll(direction, -1, axis=1)
-    side, axis = polygon.side[:, :, None], caps.axis[:, None]
-    across = _dot(side, axis)
-    # A great circle with pole gamma meets the cap iff root > 0; the same root serves the
-    # circle's own crossings below, so that the two always agree on whether there are any.
-    root = _root(caps.sine[:, None], across)
-    reach = np.arctan2(root, caps.cosine[:, None])
-    centre = np.arctan2(
-        _dot(middle[:, :, None], _cross(axis, side)), _dot(middle[:, :, None], axis)
-    )
-    start = np.clip(np.where(root > 0, centre - reach, half), -half, half)
-    end = np.clip(np.where(root > 0, centre + reach, half), -half, half)
-    before, after = _gaps(start, end, -half, half)
-    return (after - before).sum(axis=2), np.maximum(end - start, 0).max(axis=2)
-
-
-def _arcs_inside(polygon: Polygon, normal: np.ndarray, caps: Caps) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of the caps' circles inside the polygon and outside the other caps:
-    1/2 n . integral of r x dr, and the length [rad], (n,) each.
-
-    With r(phi) = cos(alpha) a + sin(alpha) (cos(phi) b1 + sin(phi) b2).
-    """
-    axis, sine, cosine = caps.axis, caps.sine[..., None], caps.cosine[..., None]
-    b1, b2 = _frame(axis)
-    side = polygon.side[:, None]
-    across = _dot(side, axis[:, :, None])
-    half = np.arctan2(_root(sine, across), cosine * across)
-    middle = np.arctan2(-_dot(side, b2[:, :, None]), -_dot(side, b1[:, :, None]))
-    if axis.shape[1] > 1:
-        other_middle, other_half = _other_caps(caps, b1, b2)
-        middle = np.concatenate([middle, other_middle], axis=2)
-        half = np.concatenate([half, other_half], axis=2)
-
-    turn = 2 * np.pi
-    start = np.mod(middle - half, turn)
-    start = np.concatenate([start, start - turn], axis=2)
-    end = start + 2 * np.concatenate([half, half], axis=2)
-    zero = np.zeros((*axis.shape[:2], 1))
-    before, after = _gaps(np.clip(start, 0, turn), np.clip(end, 0, turn), zero, zero + turn)
-    arc = after - before
-
-    n = normal[:, None]
-    along, n1, n2 = (_dot(n, v)[..., None] for v in (axis, b1, b2))
-    mean = 0.5 * (before + after)
-    # (sin phi1 - sin phi0, cos phi0 - cos phi1) = 2 sin(arc / 2) (cos mean, sin mean)
-    chord = 2 * np.sin(0.5 * arc) * (np.cos(mean) * n1 + np.sin(mean) * n2)
-    integral = 0.5 * sine * (sine * along * arc - cosine * chord)
-    return integral.sum(axis=(1, 2)), (sine * arc).sum(axis=(1, 2))
+def _flat_part(
+    scene: Scene,
+    receivers: Receivers,
+    objects: dict[int, np.ndarray],
+    light: _Flat,
+    blur: np.ndarray,
+    outline: list[Within],
+) -> Part:
+    """What is left of a flat light's outline. objects: columns of `_balls`, then planes, then the
+    horizon."""
+    n = len(receivers)
+    normal = np.tile(light.normal, (n, 1))
+    height = light.place @ light.normal
+    windows: list[Region] = []
+    shadows: list[Region] = []
+    for towards, offset in _picked_planes(scene, receivers, objects[EDGE]):
+        # In the light's plane towards . x + offset >= 0 is a half-space through the receiver.
+        pole = towards + (offset / height)[:, None] * normal
+        slope = dot(towards, normal)
+        across = np.maximum(1 - slope**2, TOUCH)
+        line = np.sqrt((offset**2 + height**2 + 2 * offset * height * slope) / across)
+        windows.append(Within(Great(unit(pole), light.middle, np.where(offset > 0, line, np.inf))))
+    for kind in (CONE, CUT, AROUND):
+        for centre, radius in _picked_spheres(scene, receivers, objects[kind]):
+            above = height - centre @ light.normal
+            level = np.sqrt(np.maximum((radius - above) * (radius + above), 0))
+            rim = Rim(centre + above[:, None] * normal, normal, level, True)
+            if kind == AROUND:
+                windows.append(Within(rim))
+                continue
+            cap = Cap(centre, radius, light.middle)
+            shadows.append(Within(cap) if kind == CONE else Cut(cap, rim, False, light.middle))
+    return visible_part(receivers.normal, blur, outline, windows, shadows)
 
 
-def _other_caps(caps: Caps, b1: np.ndarray, b2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n, m, m) middle and half-width of the part of circle i that cap j covers [rad].
-
-    The half-width is an angle of the spherical triangle with the sides alpha_i, alpha_j and the
-    angle between the axes; from the half-angle formula it keeps its digits in small triangles,
-    and is 0 or pi where there is no triangle.
-    """
-    axis_i, axis_j = caps.axis[:, :, None], caps.axis[:, None]
-    normal = _cross(axis_i, axis_j)
-    apart = np.arctan2(np.sqrt(_dot(normal, normal)), _dot(axis_i, axis_j))
-    angle = np.arctan2(caps.sine, caps.cosine)
-    angle_i, angle_j = angle[:, :, None], angle[:, None]
-    s = 0.5 * (apart + angle_i + angle_j)
-    sin_s, sin_apart, sin_i, sin_j = (
-        np.sin(np.maximum(x, 0)) for x in (s, s - apart, s - angle_i, s - angle_j)
-    )
-    half = 2 * np.arctan2(np.sqrt(sin_apart * sin_i), np.sqrt(sin_s * sin_j))
-    middle = np.arctan2(_dot(axis_j, b2[:, :, None]), _dot(axis_j, b1[:, :, None]))
-
-    m = angle.shape[1]
-    within = apart + angle_i <= angle_j * (1 + TOUCH)
-    later = np.arange(m)[:, None] > np.arange(m)
-    within &= later | ~np.swapaxes(within, 1, 2)  # of two equal caps the first one counts
-    half = np.where(within, np.pi, np.where(np.swapaxes(within, 1, 2), 0, half))
-    half[:, np.arange(m), np.arange(m)] = 0
-    return middle, half
+def _picked_spheres(
+    scene: Scene, receivers: Receivers, columns: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """(centre from the receiver, radius) of each receiver's m-th sphere."""
+    centres = np.array([s.center for s in scene.spheres]).reshape(-1, 3)
+    radii = np.array([s.radius for s in scene.spheres])
+    for column in columns.T:
+        yield centres[column] - receivers.point, radii[column]
 
 
-def _gaps(
-    start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray
+def _picked_planes(
+    scene: Scene, receivers: Receivers, columns: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """(normal, offset) of each receiver's m-th plane or horizon."""
+    towards, offset = (np.stack(a) for a in zip(*_half_spaces(scene, receivers), strict=True))
+    every = np.arange(len(receivers))
+    for column in (columns - len(scene.spheres)).T:
+        yield towards[column, every], offset[column, every]
+
+
+def _disk_view(scene: Scene, light: DiskLight, receivers: Receivers) -> LightView:
+    views = _Views(len(receivers))
+    normal, radius = np.asarray(light.normal), light.radius
+    centre = np.asarray(light.center) - receivers.point
+    reach = norm(centre) + radius
+    index = np.flatnonzero(centre @ normal > TOUCH * reach)
+    near, centre, reach = receivers[index], centre[index], reach[index]
+    blur = BLUR * (norm(near.point) + reach)
+    rim = Rim(centre, np.tile(normal, (len(near), 1)), np.full(len(near), radius), True)
+    apart = norm(centre)
+    sine = radius / np.maximum(apart, radius)
+    spread = np.sqrt(1 - sine**2)
+    flat = _Flat(normal, np.asarray(light.center), centre, unit(centre), spread, None, radius)
+    balls, blocked = _balls(scene, near, flat)
+    planes = np.zeros((len(near), len(scene.planes) + 1), dtype=np.int8)
+    around = np.tile([-np.pi, np.pi], (len(near), 1))
+    low, high = around[:, :1], around[:, 1:]
+    outline = rim.length(low, high)[:, 0]
+    for i, (towards, offset) in enumerate(_half_spaces(scene, near)):
+        height = dot(towards, centre) + offset
+        lean = radius * norm(cross(towards, rim.normal))
+        touch = TOUCH * (reach + offset)
+        counts = (offset > 0) | (i == len(scene.planes))  # else it is the horizon once more
+        cuts = height - lean < -touch
+        blocked |= counts & cuts & (height + lean <= touch)
+        planes[:, i] = np.where(counts & cuts, EDGE, NOTHING)
+        ignored = np.where((offset > 0) & ~cuts, np.maximum(lean - height, 0), 0)
+        views.error[index] += ignored * rim.shift(low, high)[:, 0]
+    state = np.concatenate([balls, planes], axis=1)
+    state[blocked] = NOTHING
+    # of a disk that the horizon cuts the whole one's integral is no upper bound
+    most = np.where((planes == EDGE).any(axis=1), np.pi, rim.whole(near.normal))
+    views.see(index, np.maximum(most, 0), blocked)
+    alone = (state == NOTHING).all(axis=1) & ~blocked
+    error = ROUNDING * outline + blur * rim.shift(low, high)[:, 0]
+    views.error[index] += np.where(alone, error, 0)
+    for which, objects in _groups(state, 6):
+        circle = [Within(rim[which])]
+        part = _flat_part(scene, near[which], objects, flat[which], blur[which], circle)
+        views.take(index[which], part, outline[which], error[which])
+    return views.done()
+
+
+# ------------------------------------------------------------------------------ sphere lights
+
+
+def _sphere_view(scene: Scene, light: SphereLight, receivers: Receivers) -> LightView:
+    views = _Views(len(receivers))
+    radius = light.radius
+    centre = np.asarray(light.center) - receivers.point
+    index = np.flatnonzero(norm(centre) > radius)
+    near, centre = receivers[index], centre[index]
+    reach = norm(centre) + radius
+    blur = BLUR * (norm(near.point) + reach)
+    cap = Cap(centre, np.full(len(near), radius), near.normal, True)
+    blocked = np.zeros(len(near), dtype=bool)
+    states = []
+    for j, sphere in enumerate(scene.spheres):
+        state, hides = _ball_and_ball(light, sphere, near, near.object_id == j, cap)
+        states.append(state)
+        blocked |= hides
+    outline = 2 * np.pi * cap.sine
+    shift = cap.shift_length * outline
+    for i, (towards, offset) in enumerate(_half_spaces(scene, near)):
+        height = dot(towards, centre) + offset
+        touch = TOUCH * (reach + offset)
+        horizon = i == len(scene.planes)
+        counts = (offset > 0) | horizon  # else it is the horizon once more
+        cuts = height < radius - touch
+        blocked |= counts & (height <= touch - radius)
+        states.append(np.where(counts & cuts, EDGE if horizon else BEFORE, NOTHING))
+        ignored = np.where((offset > 0) & ~cuts, np.maximum(radius - height, 0), 0)
+        views.error[index] += ignored * shift
+    state = np.stack(states, axis=1)
+    state[blocked] = NOTHING
+    whole = np.pi * cap.sine**2 * dot(cap.axis, near.normal)
+    most = np.where((state == EDGE).any(axis=1), np.pi, whole)
+    views.see(index, np.maximum(most, 0), blocked)
+    alone = (state == NOTHING).all(axis=1) & ~blocked
+    error = ROUNDING * outline + blur * shift
+    views.error[index] += np.where(alone, error, 0)
+    for which, objects in _groups(state, 6):
+        part = _sphere_part(scene, light, near[which], objects, blur[which])
+        views.take(index[which], part, outline[which], error[which])
+    return views.done()
+
+
+def _tangent2(centre: np.ndarray, radius: float | np.ndarray) -> np.ndarray:
+    """Squared length of the tangents from the receiver to a ball; negative in it [m^2]."""
+    apart = norm(centre)
+    return np.asarray((apart - radius) * (apart + radius))
+
+
+def _ball_and_ball(
+    light: SphereLight, sphere: Sphere, receivers: Receivers, own: np.ndarray, cap: Cap
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What the k intervals along the last axis leave free of [low, high]: the k + 1 gaps'
-    starts and ends, some of length 0."""
-    order = np.argsort(start, axis=-1)
-    start = np.take_along_axis(start, order, axis=-1)
-    reached = np.maximum.accumulate(np.take_along_axis(end, order, axis=-1), axis=-1)
-    before = np.concatenate([low, reached], axis=-1)
-    return before, np.maximum(np.concatenate([start, high], axis=-1), before)
+    """What a sphere is to each receiver of a sphere light, and whether it hides all of it.
+    cap: the light's outline."""
+    nothing, never = np.full(len(own), NOTHING), np.zeros(len(own), dtype=bool)
+    radius, big = sphere.radius, light.radius
+    centre = np.asarray(sphere.center) - receivers.point
+    gap = float(norm(np.asarray(sphere.center) - np.asarray(light.center)))
+    apart = norm(centre)
+    within = np.where(own, receivers.inside, apart < radius)
+    slack = TOUCH * (radius + big)
+    if gap + big <= radius + slack:  # the light is in the ball
+        return nothing, ~within
+    if gap + radius <= big + slack:  # the ball is in the light
+        return nothing, never
+    nearer = _tangent2(centre, radius) < _tangent2(cap.centre, big)
+    sine = radius / np.maximum(apart, radius)
+    cosine = np.sqrt(1 - sine**2)
+    # angle between the axes <= both half-angles; the 1e-7 covers the square roots above
+    reach = np.maximum(cosine * cap.cosine - sine * cap.sine - 1e-7, -1)
+    meets = ~own & ~within & (dot(centre, cap.axis) >= apart * reach)
+    if gap >= radius + big - slack:  # beside it
+        return np.where(meets & nearer, CONE, NOTHING), within
+    return np.where(within | meets & ~nearer, AROUND, np.where(meets, CUT, NOTHING)), never
 
 
-def _interleaved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(n, k, 3) twice -> (n, 2 k, 3): a0, b0, a1, b1, ..."""
-    return np.stack([a, b], axis=2).reshape(len(a), -1, 3)
-
-
-def _root(sine: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """sqrt(sin^2 alpha - (gamma . a)^2), 0 where they do not meet."""
-    return np.sqrt(np.maximum((sine - across) * (sine + across), 0))
-
-
-def _frame(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """b1, b2 with (axis, b1, b2) right-handed and orthonormal (Duff et al., Building an
-    Orthonormal Basis, Revisited, JCGT 6(1), 2017)."""
-    x, y, z = np.moveaxis(axis, -1, 0)
-    sign = np.copysign(1.0, z)
-    a = -1 / (sign + z)
-    b = x * y * a
-    b1 = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    b2 = np.stack([b, sign + y * y * a, -y], axis=-1)
-    return b1, b2
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("...i,...i->...", a, b)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """np.cross, several times as fast."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    length = np.sqrt(_dot(v, v))[..., None]
-    return v / np.where(length > 0, length, 1)
+def _sphere_part(
+    scene: Scene,
+    light: SphereLight,
+    receivers: Receivers,
+    objects: dict[int, np.ndarray],
+    blur: np.ndarray,
+) -> Part:
+    """What is left of a sphere light's outline. objects: columns of the spheres, then the planes,
+    then the horizon."""
+    n = len(receivers)
+    to_light = np.asarray(light.center) - receivers.point
+    radius = np.full(n, light.radius)
+    middle = unit(to_light)
+    outline = Cap(to_light, radius, receivers.normal, True)
+    windows: list[Region] = []
+    shadows: list[Region] = []
+    for towards, _ in _picked_planes(scene, receivers, objects[EDGE]):
+        windows.append(Within(Great(towards, middle, np.full(n, np.inf))))
+    for towards, offset in _picked_planes(scene, receivers, objects[BEFORE]):
+        height = dot(towards, to_light) + offset
+        level = np.sqrt(np.maximum((radius - height) * (radius + height), 0))
+        rim = Rim(to_light - height[:, None] * towards, -towards, level, False)
+        windows.append(Cut(outline, rim, True, middle))
+    for kind in (CONE, CUT, AROUND):
+        for centre, other in _picked_spheres(scene, receivers, objects[kind]):
+            cap = Cap(centre, other, middle) if kind != AROUND else outline
+            if kind == CONE:
+                shadows.append(Within(cap))
+                continue
+            # The surfaces meet where |X|^2 - 2 X . O + tau_o^2 = |X|^2 - 2 X . L + tau_l^2.
+            axis = to_light - centre
+            gap = norm(axis)
+            axis /= gap[:, None]
+            along = 0.5 * (gap + (other - radius) * (other + radius) / gap)
+            level = np.sqrt(np.maximum((other - along) * (other + along), 0))
+            nearer = _tangent2(centre, other) < _tangent2(to_light, radius)
+            away = np.where(nearer, 1, -1)[:, None] * axis
+            rim = Rim(centre + along[:, None] * axis, away, level, False)
+            if kind == AROUND:
+                windows.append(Cut(outline, rim, True, middle))
+            else:
+                shadows.append(Cut(cap, rim, False, middle))
+    return visible_part(receivers.normal, blur, [Within(outline)], windows, shadows)
