@@ -162,9 +162,6 @@ class CScene:
             },
         )
 
-    def quad(self, light: int) -> Any:
-        return ffi.addressof(self.lights[light].shape, "quad")
-
     def hits(self, receivers: Receivers) -> list[Any]:
         return [
             ffi.new(
@@ -196,18 +193,18 @@ class CScene:
         return packets
 
     def irradiance(self, light: int, receivers: Receivers) -> tuple[np.ndarray, np.ndarray]:
-        """irradiance_quad's value and error bound, (n,) each."""
+        """irradiance_light's value and error bound, (n,) each."""
         value, bound = np.zeros(len(receivers)), np.zeros(len(receivers))
         error = ffi.new("double *")
         for i, hit in enumerate(self.hits(receivers)):
-            value[i] = library().irradiance_quad(self.scene, self.quad(light), hit, error)
+            value[i] = library().irradiance_light(self.scene, self.lights + light, hit, error)
             bound[i] = error[0]
         return value, bound
 
     def irradiance_by_packet(self, light: int, receivers: Receivers) -> np.ndarray:
         result, value = [], ffi.new("double[16]")
         for packet in self.packets(receivers):
-            library().irradiance_packet(self.scene, self.quad(light), packet, value)
+            library().irradiance_packet(self.scene, self.lights + light, packet, value)
             result += list(value)
         assert not any(result[len(receivers) :])
         return np.array(result[: len(receivers)])
@@ -430,7 +427,7 @@ def closed_box(half: float) -> list[QuadLight]:
 
 
 def sum_over_lights(scene: Scene, receivers: Receivers) -> tuple[np.ndarray, np.ndarray]:
-    """By irradiance_quad and by irradiance_packet."""
+    """By irradiance_light and by irradiance_packet."""
     core, lights = CScene(scene), range(len(scene.quad_lights))
     return (
         sum(core.irradiance(i, receivers)[0] for i in lights),

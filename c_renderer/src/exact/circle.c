@@ -8,6 +8,25 @@ static const double NOISE = 8 * DBL_EPSILON;
 
 /* ---- the kinds ---- */
 
+/* Adds a^2 to the sum high + low, exactly but for eps^2. */
+static void add_square(double a, double sign, double *high, double *low)
+{
+    const double square = a * a, rest = fma(a, a, -square);
+    const double sum = *high + sign * square, part = sum - *high;
+    *low += (*high - (sum - part)) + (sign * square - part) + sign * rest;
+    *high = sum;
+}
+
+double ball_power(Vec3d center, double radius)
+{
+    double high = 0, low = 0;
+    add_square(center.x, 1, &high, &low);
+    add_square(center.y, 1, &high, &low);
+    add_square(center.z, 1, &high, &low);
+    add_square(radius, -1, &high, &low);
+    return high + low;
+}
+
 Circle circle_great(Vec3d pole, Vec3d towards)
 {
     Circle circle = {.kind = CIRCLE_GREAT, .axis = pole, .radius = 1};
@@ -16,13 +35,14 @@ Circle circle_great(Vec3d pole, Vec3d towards)
     return circle;
 }
 
-Circle circle_cap(Vec3d center, double radius, double tangent)
+Circle circle_cap(Vec3d center, double radius)
 {
     const double distance = vec3d_length(center);
-    Circle cap = {.kind = CIRCLE_CAP, .tangent = tangent, .ball = center, .ball_radius = radius};
+    Circle cap = {.kind = CIRCLE_CAP};
+    cap.tangent = sqrt(fmax(ball_power(center, radius), 0));
     cap.axis = vec3d_scale(center, 1 / distance);
     cap.radius = fmin(radius / distance, 1);
-    cap.cosine = tangent / distance;
+    cap.cosine = cap.tangent / distance;
     cap.angle = atan2(cap.radius, cap.cosine);
     cap.center = vec3d_scale(cap.axis, cap.cosine);
     cap.u = vec3d_across(cap.axis);
@@ -40,25 +60,6 @@ Circle circle_rim(Vec3d center, Vec3d axis, double radius)
                 : vec3d_across(axis);
     rim.v = vec3d_cross(axis, rim.u);
     return rim;
-}
-
-/* Adds a^2 to the sum high + low, exactly but for eps^2. */
-static void add_square(double a, double sign, double *high, double *low)
-{
-    const double square = a * a, rest = fma(a, a, -square);
-    const double sum = *high + sign * square, part = sum - *high;
-    *low += (*high - (sum - part)) + (sign * square - part) + sign * rest;
-    *high = sum;
-}
-
-double tangent_length(Vec3d center, double radius)
-{
-    double high = 0, low = 0;
-    add_square(center.x, 1, &high, &low);
-    add_square(center.y, 1, &high, &low);
-    add_square(center.z, 1, &high, &low);
-    add_square(radius, -1, &high, &low);
-    return sqrt(fmax(high + low, 0));
 }
 
 Vec3d circle_at(const Circle *circle, double angle)

@@ -24,8 +24,6 @@ typedef struct {
     /* Of a cap: */
     double cosine, angle;
     double tangent; /* from the point to the ball [m] */
-    Vec3d ball;     /* its center [m] */
-    double ball_radius;
 } Circle;
 
 /* normal . X + offset >= 0. */
@@ -42,15 +40,15 @@ static inline double half_space_height(HalfSpace half_space, Vec3d place)
 /* The great circle about the unit vector `pole`; phi is 0 at `towards`. */
 Circle circle_great(Vec3d pole, Vec3d towards);
 
-/* Of a ball which does not hold the point; the tangent is tangent_length's. */
-Circle circle_cap(Vec3d center, double radius, double tangent);
+/* Of a ball that does not hold the point. */
+Circle circle_cap(Vec3d center, double radius);
 
 /* Counterclockwise about the unit vector `axis`; phi is 0 at the nearest place. */
 Circle circle_rim(Vec3d center, Vec3d axis, double radius);
 
-/* From a point outside of a ball to where it touches it [m]: sqrt(|center|^2 - radius^2) with all
- * digits; 0 from inside. */
-double tangent_length(Vec3d center, double radius);
+/* |center|^2 - radius^2 with all digits [m^2]: the square of the tangent's length from the point to
+ * the ball; below 0 inside. */
+double ball_power(Vec3d center, double radius);
 
 Vec3d circle_at(const Circle *circle, double angle);
 

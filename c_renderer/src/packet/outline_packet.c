@@ -2,6 +2,25 @@
 
 /* ---- the light, its horizon, and planes ---- */
 
+static QuadFrame quad_frame(const QuadLight *light)
+{
+    Vec3d u = vec3d_from(light->edge_u), v = vec3d_from(light->edge_v);
+    QuadFrame frame;
+    frame.ux = vec3d_length(u);
+    frame.x = vec3d_scale(u, 1 / frame.ux);
+    frame.z = vec3d_unit(vec3d_cross(u, v));
+    frame.y = vec3d_cross(frame.z, frame.x);
+    frame.vx = vec3d_dot(v, frame.x);
+    frame.vy = vec3d_dot(v, frame.y);
+    return frame;
+}
+
+static Vec3d quad_frame_direction(const QuadFrame *frame, Vec3d world)
+{
+    return (Vec3d){vec3d_dot(world, frame->x), vec3d_dot(world, frame->y),
+                   vec3d_dot(world, frame->z)};
+}
+
 static void see_quad(const QuadLight *light, const HitPacket *restrict hits,
                      ViewPacket *restrict view)
 {
