@@ -132,9 +132,9 @@ static void great_in_cap(const Circle *great, const Circle *cap, Intervals *in)
 /* Two half-spheres: where their circles cross is found from both in the same way. */
 static void great_in_great(const Circle *great, const Circle *other, Intervals *in)
 {
-    const Vec3d leaves = vec3d_cross(other->axis, great->axis);
-    if (vec3d_dot(leaves, leaves) > 0)
-        intervals_add_around(in, circle_angle(great, leaves) - 0.5 * PI, 0.5 * PI);
+    const Vec3d enters = vec3d_cross(other->axis, great->axis);
+    if (vec3d_dot(enters, enters) > 0)
+        intervals_add_around(in, circle_angle(great, enters) + 0.5 * PI, 0.5 * PI);
     else if (other->rank < great->rank && vec3d_dot(great->axis, other->axis) > 0)
         intervals_add(in, -PI, PI);
 }
