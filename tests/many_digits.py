@@ -12,10 +12,11 @@ import itertools
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from mpmath import mp, mpf
 
-DIGITS = 50
-BESIDE = mpf(10) ** -24
+DIGITS = 40
+BESIDE = mpf(10) ** -19
 """From a curve to the rays on its either side, in sizes of the light."""
 
 Vector = tuple[Any, Any, Any]
@@ -234,7 +235,7 @@ class View:
                 angle for other in circles if other is not circle for angle in crossings(circle, other)
             ) or [mpf(0)]
             for start, end in itertools.pairwise([*cuts, cuts[0] + 2 * mp.pi]):
-                if end - start < mpf(10) ** -20:
+                if end - start < mpf(10) ** -15:
                     continue
                 middle = (start + end) / 2
                 x = circle.at(middle)
@@ -260,18 +261,32 @@ def crossings(circle: Circle, other: Circle) -> list[Any]:
     A place too many does no harm."""
     value = [other.form(circle.at(2 * mp.pi * k / 5)) for k in range(5)]
     largest = max(abs(v) for v in value)
-    if largest < mpf(10) ** -35:
+    if largest < mpf(10) ** -30:
         return []
     coefficient = [
         sum(v * mp.expjpi(mpf(-2) * k * j / 5) for j, v in enumerate(value)) / 5 / largest
         for k in (2, 1, 0, -1, -2)
     ]
-    while coefficient and abs(coefficient[0]) < mpf(10) ** -35:
+    while coefficient and abs(coefficient[0]) < mpf(10) ** -30:
         coefficient = coefficient[1:-1]
     if len(coefficient) < 2:
         return []
-    roots = mp.polyroots(coefficient, maxsteps=200, extraprec=200)
-    return [mp.arg(z) for z in roots if abs(abs(z) - 1) < mpf(10) ** -8]
+    return [mp.arg(z) for z in roots(coefficient) if abs(abs(z) - 1) < mpf(10) ** -8]
+
+
+def roots(coefficient: list[Any]) -> list[Any]:
+    """Of a polynomial, highest power first. numpy's, and Newton's steps from there; what lies so
+    close together that it may need them all is left to mpmath, which is slow."""
+    start = np.roots([complex(c) for c in coefficient])
+    if any(abs(a - b) < 1e-3 for a, b in itertools.combinations(start, 2)):
+        return list(mp.polyroots(coefficient, maxsteps=500, extraprec=300))
+    found = []
+    for z in (mp.mpmathify(complex(z)) for z in start):
+        for _ in range(6):
+            value, slope = mp.polyval(coefficient, z, derivative=True)
+            z -= value / slope
+        found.append(z)
+    return found
 
 
 def irradiance(
