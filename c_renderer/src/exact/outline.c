@@ -293,6 +293,21 @@ static double lowest(const LightView *view, Vec3d direction)
     return least + vec3d_dot(direction, view->polygon.corner);
 }
 
+/* Whether the light is wholly in a ball whose part of the light's plane is the disk. */
+static bool is_in_disk(const LightView *view, Vec3d center, double radius)
+{
+    if (!view->is_polygon) {
+        const Circle *rim = &view->bound[0].circle;
+        return vec3d_length(vec3d_sub(rim->center, center)) + rim->radius <= radius;
+    }
+    const Vec3d from_center = vec3d_sub(view->polygon.corner, center);
+    double farthest = 0;
+    for (int k = 0; k < view->polygon.nb_sides; k++)
+        farthest =
+            fmax(farthest, vec3d_length(vec3d_add(from_center, view->polygon.place[k])));
+    return farthest <= radius;
+}
+
 /* Before a flat light. Behind the plane of its tangent circle a ball hides its whole cone; before
  * that plane it hides only what is in it. From inside a ball one sees only what is in it as well. */
 static void see_ball(LightView *view, const Ball *ball)
@@ -307,6 +322,11 @@ static void see_ball(LightView *view, const Ball *ball)
     hider.cuts = ball->holds_point || (squared > 0 && lowest(view, ball->center) < ball->power);
     if (hider.cuts) {
         const Vec3d middle = vec3d_along(ball->center, view->axis, -beyond);
+        const bool holds_light = is_in_disk(view, middle, sqrt(squared));
+        if (holds_light) {
+            view->is_lit &= ball->holds_point;
+            return;
+        }
         hider.ring = circle_rim(middle, view->axis, sqrt(squared));
         hider.ring_front = ball->holds_point ? (HalfSpace){{0, 0, 0}, 1}
                                              : (HalfSpace){vec3d_scale(ball->center, -1), ball->power};
