@@ -129,8 +129,9 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
     SIMD for (int i = 0; i < LANES; i++)
     {
         sum[i] = 0;
-        down_x[i] = up_x[i] = view->x[i];
-        down_y[i] = up_y[i] = view->y[i];
+        /* from the light's corner: small lights' ends are as far apart as they should be */
+        down_x[i] = up_x[i] = 0;
+        down_y[i] = up_y[i] = 0;
     }
     for (int k = 0; k < 4; k++) {
         const double ex = edge_x[k], ey = edge_y[k], ee = ex * ex + ey * ey;
@@ -153,18 +154,19 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
             double ratio = is_near ? angle_ratio_near(cross_squared, dot)
                                    : angle_ratio_far(cross_squared, 1 / dot);
             sum[i] += width > 0 ? facing * ratio : 0;
-            down_x[i] = crosses > 0 ? x + t1 * ex : down_x[i];
-            down_y[i] = crosses > 0 ? y + t1 * ey : down_y[i];
-            up_x[i] = crosses < 0 ? x + t0 * ex : up_x[i];
-            up_y[i] = crosses < 0 ? y + t0 * ey : up_y[i];
+            down_x[i] = crosses > 0 ? start_x[k] + t1 * ex : down_x[i];
+            down_y[i] = crosses > 0 ? start_y[k] + t1 * ey : down_y[i];
+            up_x[i] = crosses < 0 ? start_x[k] + t0 * ex : up_x[i];
+            up_y[i] = crosses < 0 ? start_y[k] + t0 * ey : up_y[i];
         }
     }
     SIMD for (int i = 0; i < LANES; i++)
     {
         double h = view->h[i], ex = up_x[i] - down_x[i], ey = up_y[i] - down_y[i];
-        double turn = down_x[i] * ey - down_y[i] * ex;
+        double x = view->x[i] + down_x[i], y = view->y[i] + down_y[i];
+        double turn = x * ey - y * ex;
         double cross_squared = h * h * (ex * ex + ey * ey) + turn * turn;
-        double dot = down_x[i] * up_x[i] + down_y[i] * up_y[i] + h * h;
+        double dot = x * (x + ex) + y * (y + ey) + h * h;
         double n2 =
             view->nx[i] * view->nx[i] + view->ny[i] * view->ny[i] + view->nz[i] * view->nz[i];
         double theta = sqrt(cross_squared * n2) * angle_ratio_near(cross_squared, dot);

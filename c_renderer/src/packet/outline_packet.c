@@ -155,6 +155,8 @@ static void see_cone(ViewPacket *restrict view, CapPacket *restrict cap)
 {
     const QuadFrame f = view->frame;
     const double rr = cap->radius_squared, r = sqrt(rr);
+    /* arcs are known to eps, and not to eps times a small light's size: 1e-9 of it, at worst */
+    const double least_size = 1e-6, size_squared = f.ux * f.ux + f.vx * f.vx + f.vy * f.vy;
     SIMD for (int i = 0; i < LANES; i++)
     {
         double cx = cap->x[i], cy = cap->y[i], cz = cap->z[i], h = view->h[i];
@@ -172,6 +174,7 @@ static void see_cone(ViewPacket *restrict view, CapPacket *restrict cap)
         /* f loses digits as 1 / sin^2 of the cone's half-angle, t as 1 / cos^2 */
         strange = rr > 1e-7 * dd ? strange : 1;
         strange = tt > 1e-7 * dd ? strange : 1;
+        strange = size_squared > least_size * (low + x0 * x0) ? strange : 1;
         double hard = strange > 0 ? 1.0 : cap->own[i];
         f0 = ahead0 > 0 ? f0 : -1;
         f1 = ahead1 > 0 ? f1 : -1;
