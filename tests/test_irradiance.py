@@ -255,7 +255,7 @@ def assert_packets_agree(scene: Scene, light: int, receivers: Receivers) -> None
 @pytest.mark.parametrize("first_seed", range(0, 100, 20))
 def test_irradiance_is_the_python_solution_on_hostile_scenes(first_seed: int) -> None:
     """Both give bounds on their errors: the difference is below their sum. Where a sphere cuts the
-    light both integrate numerically, and Python's rules may overlook a sliver beside a panel's end
+    light Python integrates numerically, and its rules may overlook a sliver beside a panel's end
     (seen: 2e-8 of the unshadowed value, once in 2,000): 1e-7 of it allowed there."""
     solved = by_quadrature = 0
     for seed in range(first_seed, first_seed + 20):
@@ -275,9 +275,9 @@ def test_irradiance_is_the_python_solution_on_hostile_scenes(first_seed: int) ->
     assert solved > 500 and by_quadrature > 5  # the test would see nothing otherwise
 
 
-def test_balls_that_cut_the_light_are_integrated_to_1e_8() -> None:
-    """Spheres about the light itself: no closed form. The bound keeps the promise of 1e-8 of
-    the unshadowed value, and Python's quadrature, run to 1e-12, finds the same within it."""
+def test_balls_that_cut_the_light_agree_with_quadrature() -> None:
+    """Spheres about the light itself: in closed form. Python's quadrature, run to 1e-12, finds the
+    same but where its rules overlook a sliver: 1e-9 of the unshadowed value (seen: 2e-10)."""
     rng = np.random.default_rng(3)
     light = quad([-1, 3, -1], [2, 0, 0.5], [-0.25, 0.5, 2])
     light = light if light.normal[1] > 0 else quad(light.corner, light.edge_v, light.edge_u)
@@ -291,8 +291,8 @@ def test_balls_that_cut_the_light_are_integrated_to_1e_8() -> None:
         expected, error, unsolved = python_solution(scene, light, receivers)
         value, bound = CScene(scene).irradiance(0, receivers)
         bare = without_objects(scene, 0, receivers)
-        assert (np.abs(value - expected) <= error + bound).all()
-        assert (bound <= 1e-8 * bare).all()
+        assert (np.abs(value - expected) <= error + bound + 1e-9 * bare).all()
+        assert (bound <= 1e-12 * bare).all()
         cases += (unsolved & (expected > 0) & (expected < bare)).sum()
     assert cases > 50
 

@@ -29,7 +29,7 @@ double ball_power(Vec3d center, double radius)
 
 Circle circle_great(Vec3d pole, Vec3d towards)
 {
-    Circle circle = {.kind = CIRCLE_GREAT, .axis = pole, .radius = 1};
+    Circle circle = {.kind = CIRCLE_GREAT, .axis = pole, .radius = 1, .doubt = 1};
     circle.u = vec3d_unit(vec3d_reject(towards, pole));
     circle.v = vec3d_cross(pole, circle.u);
     return circle;
@@ -38,7 +38,7 @@ Circle circle_great(Vec3d pole, Vec3d towards)
 Circle circle_cap(Vec3d center, double radius)
 {
     const double distance = vec3d_length(center);
-    Circle cap = {.kind = CIRCLE_CAP};
+    Circle cap = {.kind = CIRCLE_CAP, .doubt = 1};
     cap.tangent = sqrt(fmax(ball_power(center, radius), 0));
     cap.axis = vec3d_scale(center, 1 / distance);
     cap.radius = fmin(radius / distance, 1);
@@ -59,6 +59,8 @@ Circle circle_rim(Vec3d center, Vec3d axis, double radius)
                 ? vec3d_unit(vec3d_reject(vec3d_unit(vec3d_scale(beside, -1)), axis))
                 : vec3d_across(axis);
     rim.v = vec3d_cross(axis, rim.u);
+    const double nearest = vec3d_length(vec3d_along(center, rim.u, radius));
+    rim.doubt = fmax((vec3d_length(center) + radius) / nearest, 1);
     return rim;
 }
 

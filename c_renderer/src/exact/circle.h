@@ -21,6 +21,9 @@ typedef struct {
     int rank; /* of two that are the same, the one of the lesser rank is inside */
     Vec3d center, axis, u, v;
     double radius; /* great circle and cap: the sine of the half-angle */
+    /* What rounding of the distances it is worked out from amounts to, as seen, in eps: 1, or more
+     * where it passes much closer to the point than they are. */
+    double doubt;
     /* Of a cap: */
     double cosine, angle;
     double tangent; /* from the point to the ball [m] */
@@ -37,7 +40,7 @@ static inline double half_space_height(HalfSpace half_space, Vec3d place)
     return vec3d_dot(half_space.normal, place) + half_space.offset;
 }
 
-/* The great circle about the unit vector `pole`; phi is 0 at `towards`. */
+/* The great circle about the unit vector `pole`; phi is 0 at `towards`. Its doubt is 1. */
 Circle circle_great(Vec3d pole, Vec3d towards);
 
 /* Of a ball that does not hold the point. */

@@ -5,17 +5,18 @@
 #include "core/estimator.h"
 #include "outline.h"
 
-/* Rounding error per radian of boundary: measured, docs/exact.md. */
+/* Rounding error per radian of boundary and doubt: measured, docs/exact.md. */
 static const double ROUNDING = 16 * DBL_EPSILON;
 
-/* 1/2 n . integral of (r - r0) x dr along pieces of the boundary, and their length [rad]. */
+/* 1/2 n . integral of (r - r0) x dr along pieces of the boundary, their length [rad], and that times each
+ * circle's doubt. */
 typedef struct {
-    double integral, length;
+    double integral, length, doubt;
 } Boundary;
 
 static Boundary boundary_sum(Boundary a, Boundary b)
 {
-    return (Boundary){a.integral + b.integral, a.length + b.length};
+    return (Boundary){a.integral + b.integral, a.length + b.length, a.doubt + b.doubt};
 }
 
 /* What is not gone of a circle, from low to high. */
@@ -23,12 +24,13 @@ static Boundary remaining_arcs(const LightView *view, const Circle *circle, Inte
                                double low, double high)
 {
     const Vec3d pivot = vec3d_cross(view->normal, view->middle);
-    Boundary sum = {0, 0};
+    Boundary sum = {0, 0, 0};
     intervals_invert(gone, low, high);
     for (int k = 0; k < gone->count; k++) {
         sum.integral += arc_integral(circle, gone->interval[k], view->normal, pivot);
         sum.length += arc_length(circle, gone->interval[k]);
     }
+    sum.doubt = circle->doubt * sum.length;
     return sum;
 }
 
@@ -36,11 +38,12 @@ static Boundary remaining_arcs(const LightView *view, const Circle *circle, Inte
 static Boundary polygon_boundary(const LightView *view)
 {
     const Polygon *polygon = &view->polygon;
-    Boundary sum = {0, 0};
+    Boundary sum = {0, 0, 0};
     for (int k = 0; k < polygon->nb_sides; k++) {
         const double angle = polygon_angle(polygon, k);
         sum.integral += 0.5 * angle * vec3d_dot(polygon->pole[k], view->normal);
         sum.length += angle;
+        sum.doubt += angle * polygon_doubt(polygon, k);
     }
     return sum;
 }
@@ -48,7 +51,7 @@ static Boundary polygon_boundary(const LightView *view)
 /* The light's own outline: without what hides it, or but for that. */
 static Boundary outline_boundary(const LightView *view, bool hidden)
 {
-    Boundary sum = {0, 0};
+    Boundary sum = {0, 0, 0};
     for (int k = 0; k < view->nb_bounds; k++) {
         const Bound *bound = &view->bound[k];
         Intervals gone;
@@ -66,7 +69,7 @@ static Boundary outline_boundary(const LightView *view, bool hidden)
 /* The outlines of what hides the light, walked the other way. */
 static Boundary hiders_boundary(const LightView *view)
 {
-    Boundary sum = {0, 0};
+    Boundary sum = {0, 0, 0};
     for (int k = 0; k < view->nb_hiders; k++) {
         const Hider *hider = &view->hider[k];
         const Circle *circles[2] = {hider->has_silhouette ? &hider->silhouette : NULL,
@@ -95,11 +98,11 @@ double irradiance_light(const Scene *scene, const Light *light, const Hit *hit,
         const Boundary outline =
             view.is_polygon ? polygon_boundary(&view) : outline_boundary(&view, false);
         const double whole = value = fmax(outline.integral, 0);
-        error = ROUNDING * outline.length;
+        error = ROUNDING * outline.doubt;
         if (view.nb_hiders && whole > 0) {
             const Boundary arcs = hiders_boundary(&view);
             const Boundary left = boundary_sum(outline_boundary(&view, true), arcs);
-            error += 2 * ROUNDING * arcs.length;
+            error += 2 * ROUNDING * arcs.doubt;
             const bool dark = left.length <= VIEW_TOUCH * outline.length;
             value = dark || left.integral <= error ? 0 : fmin(left.integral, whole);
         }

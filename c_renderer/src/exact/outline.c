@@ -43,6 +43,14 @@ double polygon_angle(const Polygon *polygon, int k)
     return atan2(fmax(sine, 0), cosine);
 }
 
+double polygon_doubt(const Polygon *polygon, int k)
+{
+    const Vec3d edge = vec3d_sub(polygon_next(polygon, k), polygon->place[k]);
+    const Vec3d start = vec3d_add(polygon->corner, polygon->place[k]);
+    const double beside = vec3d_length(vec3d_cross(start, edge));
+    return fmax(vec3d_length(start) * vec3d_length(edge) / beside, 1);
+}
+
 /* What a half-space leaves of the polygon (Sutherland-Hodgman). False: no room, left as it was. */
 static bool polygon_clip(Polygon *polygon, HalfSpace half_space, Vec3d axis)
 {
@@ -160,9 +168,11 @@ static void see_disk(const Scene *scene, const DiskLight *light, const Hit *hit,
         view->is_lit &= touched(height + slope * radius, reach) > 0;
         const Vec3d cut = vec3d_along(center, beside, -height / (slope * slope));
         const Vec3d along = vec3d_cross(left.normal, view->axis);
-        add_bound(view, circle_great(left.offset > 0 ? vec3d_unit(vec3d_cross(cut, along))
-                                                     : left.normal,
-                                     cut));
+        const Vec3d pole = vec3d_cross(cut, along);
+        Circle side = circle_great(left.offset > 0 ? vec3d_unit(pole) : left.normal, cut);
+        if (left.offset > 0)
+            side.doubt = fmax(reach * slope / vec3d_length(pole), 1);
+        add_bound(view, side);
     }
 }
 

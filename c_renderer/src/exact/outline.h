@@ -83,6 +83,9 @@ void light_view(const Scene *scene, const Light *light, const Hit *hit, LightVie
 /* The angle that side k subtends [rad]. */
 double polygon_angle(const Polygon *polygon, int k);
 
+/* Of side k: see Circle. */
+double polygon_doubt(const Polygon *polygon, int k);
+
 /* What of a circle is not seen as a bound of the light: outside of another bound, or hidden. `hider`
  * is that whose silhouette or ring it is, or NULL. */
 void light_view_gone(const LightView *view, const Circle *circle, const Hider *hider,
