@@ -234,7 +234,10 @@ class View:
         beside = BESIDE * self.size
         for circle in circles:
             cuts = sorted(
-                angle for other in circles if other is not circle for angle in crossings(circle, other)
+                angle
+                for other in circles
+                if other is not circle
+                for angle in crossings(circle, other)
             ) or [mpf(0)]
             for start, end in itertools.pairwise([*cuts, cuts[0] + 2 * mp.pi]):
                 if end - start < mpf(10) ** -15:

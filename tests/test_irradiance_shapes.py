@@ -206,9 +206,7 @@ def turned(shape: str, size: float, center: Any, **rest: Any) -> Case:
     center = f32(center)
     normal = center / np.linalg.norm(center) + [0.3, 0.2, -0.4]
     normal /= np.linalg.norm(normal)
-    return Case(
-        *random_light(shape, center, size, normal, np.random.default_rng(1)), **rest
-    )
+    return Case(*random_light(shape, center, size, normal, np.random.default_rng(1)), **rest)
 
 
 HARD: dict[str, Case] = {}

@@ -119,8 +119,7 @@ static double crossing_root(const Circle *cap, double across)
 static void cap_in_great(const Circle *cap, const Circle *great, Intervals *in)
 {
     const double across = vec3d_dot(great->axis, cap->axis);
-    const double middle =
-        atan2(vec3d_dot(great->axis, cap->v), vec3d_dot(great->axis, cap->u));
+    const double middle = atan2(vec3d_dot(great->axis, cap->v), vec3d_dot(great->axis, cap->u));
     intervals_add_around(in, middle, atan2(crossing_root(cap, across), -cap->cosine * across));
 }
 
@@ -286,8 +285,8 @@ static void add_extremes(const Circle *rim, const Circle *cap, Angles *places)
         double slope[5], other[5];
         bernstein_product(ahead, ahead_slope, slope);
         bernstein_product(square_slope, one, other);
-        const double scale = (fabs(a0) + fabs(a1) + fabs(a2)) * (fabs(a1) + fabs(a2)) +
-                             cc * (fabs(x1) + fabs(y1));
+        const double scale =
+            (fabs(a0) + fabs(a1) + fabs(a2)) * (fabs(a1) + fabs(a2)) + cc * (fabs(x1) + fabs(y1));
         for (int k = 0; k < 5; k++)
             slope[k] -= other[k];
         add_zeros(slope, -1, 1, NOISE * scale, half ? PI : 0, places);
@@ -420,10 +419,10 @@ static void cap_in_rim(const Circle *cap, const Circle *rim, Intervals *in)
 
 void circle_inside(const Circle *circle, const Circle *other, Intervals *in)
 {
-    static void (*const INSIDE[3][3])(const Circle *, const Circle *, Intervals *) = {
-        {great_in_great, great_in_cap, great_in_rim},
-        {cap_in_great, cap_in_cap, cap_in_rim},
-        {rim_in_great, rim_in_cone, rim_in_rim}};
+    static void (*const INSIDE[3][3])(const Circle *, const Circle *,
+                                      Intervals *) = {{great_in_great, great_in_cap, great_in_rim},
+                                                      {cap_in_great, cap_in_cap, cap_in_rim},
+                                                      {rim_in_great, rim_in_cone, rim_in_rim}};
     INSIDE[circle->kind][other->kind](circle, other, in);
 }
 
@@ -480,8 +479,8 @@ double arc_integral(const Circle *circle, Interval arc, Vec3d normal, Vec3d pivo
     const Vec3d moment = vec3d_sub(vec3d_cross(normal, circle->center), pivot);
     const double chord =
         cos(middle) * vec3d_dot(moment, circle->v) - sin(middle) * vec3d_dot(moment, circle->u);
-    return sine * (0.5 * sine * vec3d_dot(normal, circle->axis) * length +
-                   sin(0.5 * length) * chord);
+    return sine *
+           (0.5 * sine * vec3d_dot(normal, circle->axis) * length + sin(0.5 * length) * chord);
 }
 
 double arc_length(const Circle *circle, Interval arc)

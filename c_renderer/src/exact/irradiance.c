@@ -60,8 +60,8 @@ static Boundary outline_boundary(const LightView *view, bool hidden)
             light_view_gone(view, &bound->circle, NULL, &gone);
         else
             light_view_outside(view, &bound->circle, &gone);
-        sum = boundary_sum(sum, remaining_arcs(view, &bound->circle, &gone, bound->low,
-                                               bound->high));
+        sum =
+            boundary_sum(sum, remaining_arcs(view, &bound->circle, &gone, bound->low, bound->high));
     }
     return sum;
 }
@@ -88,8 +88,7 @@ static Boundary hiders_boundary(const LightView *view)
     return sum;
 }
 
-double irradiance_light(const Scene *scene, const Light *light, const Hit *hit,
-                        double *error_bound)
+double irradiance_light(const Scene *scene, const Light *light, const Hit *hit, double *error_bound)
 {
     LightView view;
     light_view(scene, light, hit, &view);

@@ -78,8 +78,8 @@ static bool polygon_clip(Polygon *polygon, HalfSpace half_space, Vec3d axis)
         const Vec3d edge = vec3d_sub(polygon_next(polygon, k), polygon->place[k]);
         const double share = height[k] / (height[k] - next_height);
         const Vec3d crossing = vec3d_along(polygon->place[k], edge, share);
-        const Vec3d cut = vec3d_cross(vec3d_add(polygon->corner, crossing),
-                                      vec3d_cross(half_space.normal, axis));
+        const Vec3d cut =
+            vec3d_cross(vec3d_add(polygon->corner, crossing), vec3d_cross(half_space.normal, axis));
         const Vec3d cut_pole = half_space.offset > 0 ? vec3d_unit(cut) : half_space.normal;
         left.place[left.nb_sides] = crossing;
         left.pole[left.nb_sides++] = inside ? cut_pole : polygon->pole[k];
@@ -186,8 +186,9 @@ static void add_hider(LightView *view, const Hider *hider)
 {
     for (int k = 0; k < view->nb_hiders; k++) {
         const Circle *cap = &view->hider[k].silhouette, *ring = &view->hider[k].ring;
-        if (same(cap->center, hider->silhouette.center) && cap->radius == hider->silhouette.radius &&
-            same(ring->center, hider->ring.center) && ring->radius == hider->ring.radius)
+        if (same(cap->center, hider->silhouette.center) &&
+            cap->radius == hider->silhouette.radius && same(ring->center, hider->ring.center) &&
+            ring->radius == hider->ring.radius)
             return;
     }
     if (view->nb_hiders == VIEW_HIDERS) {
@@ -313,8 +314,7 @@ static bool is_in_disk(const LightView *view, Vec3d center, double radius)
     const Vec3d from_center = vec3d_sub(view->polygon.corner, center);
     double farthest = 0;
     for (int k = 0; k < view->polygon.nb_sides; k++)
-        farthest =
-            fmax(farthest, vec3d_length(vec3d_add(from_center, view->polygon.place[k])));
+        farthest = fmax(farthest, vec3d_length(vec3d_add(from_center, view->polygon.place[k])));
     return farthest <= radius;
 }
 
@@ -338,8 +338,9 @@ static void see_ball(LightView *view, const Ball *ball)
             return;
         }
         hider.ring = circle_rim(middle, view->axis, sqrt(squared));
-        hider.ring_front = ball->holds_point ? (HalfSpace){{0, 0, 0}, 1}
-                                             : (HalfSpace){vec3d_scale(ball->center, -1), ball->power};
+        hider.ring_front = ball->holds_point
+                               ? (HalfSpace){{0, 0, 0}, 1}
+                               : (HalfSpace){vec3d_scale(ball->center, -1), ball->power};
     }
     if (hider.has_silhouette) {
         hider.silhouette = circle_cap(ball->center, ball->radius);
@@ -398,8 +399,7 @@ static void see_spheres(const Scene *scene, const Hit *hit, LightView *view)
         Ball ball = {vec3d_sub(vec3d_from(sphere->center), point), (double)sphere->radius, 0,
                      hit->object == k, false};
         ball.power = ball_power(ball.center, ball.radius);
-        ball.holds_point =
-            ball.is_own ? vec3d_dot(view->normal, ball.center) > 0 : ball.power < 0;
+        ball.holds_point = ball.is_own ? vec3d_dot(view->normal, ball.center) > 0 : ball.power < 0;
         if (ball.is_own && !ball.holds_point)
             continue; /* from outside, the horizon hides one's own sphere */
         if (view->is_flat)
@@ -456,8 +456,7 @@ static bool is_hidden(const LightView *view, const Hider *hider, Vec3d direction
     if (half_space_height(hider->cut_off, place) >= 0)
         return true;
     const Circle *cap = &hider->silhouette;
-    return hider->has_silhouette &&
-           vec3d_length(vec3d_cross(cap->axis, direction)) < cap->radius &&
+    return hider->has_silhouette && vec3d_length(vec3d_cross(cap->axis, direction)) < cap->radius &&
            vec3d_dot(cap->axis, direction) > 0 && half_space_height(hider->behind, place) > 0;
 }
 
@@ -526,9 +525,8 @@ void light_view_gone(const LightView *view, const Circle *circle, const Hider *h
         return;
     Intervals front;
     front.count = 0;
-    circle_in_half_space(circle,
-                         circle == &hider->ring ? hider->ring_front : hider->silhouette_front,
-                         &front);
+    circle_in_half_space(
+        circle, circle == &hider->ring ? hider->ring_front : hider->silhouette_front, &front);
     intervals_invert(&front, -PI, PI);
     intervals_unite(gone, &front);
 }

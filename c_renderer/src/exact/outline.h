@@ -62,13 +62,13 @@ typedef struct {
     Vec3d normal; /* of the surface, as long as the Hit's */
     Vec3d middle; /* a direction amid the light; unit */
     bool is_flat;
-    Vec3d axis;          /* of a flat light: its normal, unit; */
-    double height;       /* how far its plane is away [m] */
-    Vec3d center;        /* of a sphere light */
-    double radius;       /* [m] */
-    double power;        /* ball_power of it */
-    bool is_lit;         /* false: nothing is to be seen, and what follows is not set */
-    bool is_polygon;     /* the outline is the polygon; else the bounds, which cross each other */
+    Vec3d axis;      /* of a flat light: its normal, unit; */
+    double height;   /* how far its plane is away [m] */
+    Vec3d center;    /* of a sphere light */
+    double radius;   /* [m] */
+    double power;    /* ball_power of it */
+    bool is_lit;     /* false: nothing is to be seen, and what follows is not set */
+    bool is_polygon; /* the outline is the polygon; else the bounds, which cross each other */
     Polygon polygon;
     int nb_bounds;
     Bound bound[OUTLINE_SIDES];

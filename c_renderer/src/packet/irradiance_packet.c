@@ -363,7 +363,8 @@ static void irradiance_of_quad(const Scene *scene, const Light *light, const Hit
     ViewPacket view;
     CapPacket caps[MAX_CAPS];
     memset(irradiance, 0, sizeof(Lanes));
-    const int nb_caps = hits->any_hit ? light_view_packet(scene, &light->shape.quad, hits, &view, caps) : 0;
+    const int nb_caps =
+        hits->any_hit ? light_view_packet(scene, &light->shape.quad, hits, &view, caps) : 0;
     if (!hits->any_hit || !any(view.lit))
         return;
     irradiance_without_spheres(&view, irradiance);
