@@ -1,4 +1,4 @@
-"""A light's irradiance to 30 digits, from the definition: the witness of closed forms.
+"""A light's irradiance to 25 digits, from the definition: the witness of closed forms.
 
 All curves that may bound what is seen (edges, the horizon, silhouettes, rings) are circles in
 space. Each is cut where it meets any other one; a piece counts if the light is seen on just one
@@ -19,7 +19,7 @@ from mpmath import mp, mpf
 
 DIGITS = 40
 BESIDE = mpf(10) ** -19
-"""From a curve to the rays on its either side, in sizes of the light."""
+"""From a curve to the rays on either side of it, in sizes of the light."""
 
 Vector = tuple[Any, Any, Any]
 

@@ -440,6 +440,9 @@ static double rim_integral(const Circle *rim, Interval arc, Vec3d n)
     const double g = (a - p) * (a + p) - h * h, q = g / w;
     const double one_and_q = g >= 0 ? (w + g) / w : 4 * a * a * h * h / (w * (w - g));
 
+    if (arc.end - arc.start >= 2 * PI)
+        return 0.5 * PI *
+               (vec3d_dot(n, rim->axis) * one_and_q - vec3d_dot(n, rim->u) * (h * a / w) * 2 * k);
     const double d = 0.5 * (arc.end - arc.start), middle = 0.5 * (arc.start + arc.end);
     const double s0 = sin(0.5 * arc.start), s1 = sin(0.5 * arc.end);
     const double x0 = rest + 2 * k * s0 * s0, x1 = rest + 2 * k * s1 * s1;
@@ -460,6 +463,8 @@ static double rim_integral(const Circle *rim, Interval arc, Vec3d n)
 /* From the arc's first place to its last, as directions. */
 static Vec3d rim_chord(const Circle *rim, Interval arc)
 {
+    if (arc.end - arc.start >= 2 * PI)
+        return (Vec3d){0, 0, 0};
     const double d = 0.5 * (arc.end - arc.start), middle = 0.5 * (arc.start + arc.end);
     const Vec3d first = circle_at(rim, arc.start), last = circle_at(rim, arc.end);
     const double l0 = vec3d_length(first), l1 = vec3d_length(last);
