@@ -378,8 +378,8 @@ def test_cases_by_chance_see_part_of_their_lights() -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_packets_are_the_scalar_solution(name: str) -> None:
-    """To the last bit but for quads: their vectors know the arctangent to 2e-13 of each edge's term,
-    which is less than 1,000 eps for each radian of outline, where the bound is 16 eps."""
+    """To the last bit but for quads: their vectors know the arctangent to 2e-13 of each edge's
+    term, which is less than 1,000 eps for each radian of outline, where the bound is 16 eps."""
     case = CASES[name]
     value, bound = case.value()
     tolerance = 64 * bound if "quad" in name else 0
