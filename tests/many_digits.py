@@ -206,7 +206,7 @@ class View:
         for n, o in self.planes:
             if self.flat:
                 pole = along(n, self.m, -o / self.h)
-                found += [great(pole)] if any(pole) else []
+                found += [great(pole)] if dot(pole, pole) > mpf(10) ** -30 else []
             else:
                 found += ring(self.center, self.size, n, o)
         for ball in self.balls:
@@ -230,7 +230,7 @@ class View:
             return mpf(0)
         if not self.flat and dot(self.center, self.center) <= self.size**2:
             return mpf(0)
-        circles, total = self.circles(), mpf(0)
+        circles, total = distinct(self.circles()), mpf(0)
         beside = BESIDE * self.size
         for circle in circles:
             cuts = sorted(
@@ -291,6 +291,15 @@ def gauss_nodes(count: int) -> list[tuple[Any, Any]]:
 def gauss(integrand: Callable[[Any], Any], start: Any, end: Any) -> Any:
     half, middle = (end - start) / 2, (end + start) / 2
     return half * mp.fsum(w * integrand(middle + half * x) for x, w in gauss_nodes(20))
+
+
+def distinct(circles: list[Circle]) -> list[Circle]:
+    """Without those that another one, which comes before, lies on."""
+
+    def lie_on(a: Circle, b: Circle) -> bool:
+        return all(abs(b.form(a.at(mpf(k)))) < mpf(10) ** -30 for k in range(5))
+
+    return [a for k, a in enumerate(circles) if not any(lie_on(a, b) for b in circles[:k])]
 
 
 def crossings(circle: Circle, other: Circle) -> list[Any]:
