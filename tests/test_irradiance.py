@@ -161,9 +161,6 @@ class CScene:
             },
         )
 
-    def quad(self, light: int) -> Any:
-        return ffi.addressof(self.lights[light].shape, "quad")
-
     def hits(self, receivers: Receivers) -> list[Any]:
         return [
             ffi.new(
@@ -195,18 +192,18 @@ class CScene:
         return packets
 
     def irradiance(self, light: int, receivers: Receivers) -> tuple[np.ndarray, np.ndarray]:
-        """irradiance_quad's value and error bound, (n,) each."""
+        """irradiance_light's value and error bound, (n,) each."""
         value, bound = np.zeros(len(receivers)), np.zeros(len(receivers))
         error = ffi.new("double *")
         for i, hit in enumerate(self.hits(receivers)):
-            value[i] = library().irradiance_quad(self.scene, self.quad(light), hit, error)
+            value[i] = library().irradiance_light(self.scene, self.lights + light, hit, error)
             bound[i] = error[0]
         return value, bound
 
     def irradiance_by_packet(self, light: int, receivers: Receivers) -> np.ndarray:
         result, value = [], ffi.new("double[16]")
         for packet in self.packets(receivers):
-            library().irradiance_packet(self.scene, self.quad(light), packet, value)
+            library().irradiance_packet(self.scene, self.lights + light, packet, value)
             result += list(value)
         assert not any(result[len(receivers) :])
         return np.array(result[: len(receivers)])
@@ -252,9 +249,9 @@ def assert_packets_agree(scene: Scene, light: int, receivers: Receivers) -> None
 
 @pytest.mark.parametrize("first_seed", range(0, 100, 20))
 def test_irradiance_is_the_python_solution_on_hostile_scenes(first_seed: int) -> None:
-    """Both give bounds on their errors: the difference is below their sum. Where a sphere cuts the
-    light C integrates numerically, with a bound far above rounding."""
-    solved = by_quadrature = 0
+    """Both give bounds on their errors: the difference is below their sum, also where a sphere
+    cuts the light."""
+    solved = 0
     for seed in range(first_seed, first_seed + 20):
         scene = hostile_scene(seed)
         if not scene.objects:
@@ -266,13 +263,11 @@ def test_irradiance_is_the_python_solution_on_hostile_scenes(first_seed: int) ->
             value, bound = core.irradiance(i, receivers)
             assert (np.abs(value - expected) <= error + bound).all(), f"seed {seed}, light {i}"
             solved += (expected > 0).sum()
-            by_quadrature += ((bound > 1e-12) & (expected > 0)).sum()
-    assert solved > 500 and by_quadrature > 5  # the test would see nothing otherwise
+    assert solved > 500  # the test would see nothing otherwise
 
 
-def test_balls_that_cut_the_light_are_integrated_to_1e_8() -> None:
-    """Spheres about the light itself, which C integrates numerically: the bound keeps the promise
-    of 1e-8 of the unshadowed value, and Python's closed form is within it."""
+def test_balls_that_cut_the_light_are_solved_alike() -> None:
+    """Spheres about the light itself: both bounds hold, and C's is rounding."""
     rng = np.random.default_rng(3)
     light = quad([-1, 3, -1], [2, 0, 0.5], [-0.25, 0.5, 2])
     light = light if light.normal[1] > 0 else quad(light.corner, light.edge_v, light.edge_u)
@@ -287,7 +282,7 @@ def test_balls_that_cut_the_light_are_integrated_to_1e_8() -> None:
         value, bound = CScene(scene).irradiance(0, receivers)
         bare = without_objects(scene, 0, receivers)
         assert (np.abs(value - expected) <= error + bound).all()
-        assert (bound <= 1e-8 * bare).all()
+        assert (bound <= 1e-12 * bare).all()
         cases += ((expected > 0) & (expected < bare)).sum()
     assert cases > 50
 
@@ -422,7 +417,7 @@ def closed_box(half: float) -> list[QuadLight]:
 
 
 def sum_over_lights(scene: Scene, receivers: Receivers) -> tuple[np.ndarray, np.ndarray]:
-    """By irradiance_quad and by irradiance_packet."""
+    """By irradiance_light and by irradiance_packet."""
     core, lights = CScene(scene), range(len(scene.quad_lights))
     return (
         sum(core.irradiance(i, receivers)[0] for i in lights),

@@ -50,4 +50,24 @@ static inline Vec3d vec3d_unit(Vec3d a)
     return length > 0 ? vec3d_scale(a, 1 / length) : a;
 }
 
+/* a + t * b */
+static inline Vec3d vec3d_along(Vec3d a, Vec3d b, double t)
+{
+    return (Vec3d){a.x + t * b.x, a.y + t * b.y, a.z + t * b.z};
+}
+
+/* Of the vector, the part across a unit vector. */
+static inline Vec3d vec3d_reject(Vec3d a, Vec3d unit)
+{
+    return vec3d_along(a, unit, -vec3d_dot(a, unit));
+}
+
+/* A unit vector across another one: Duff et al., "Building an orthonormal basis, revisited", JCGT
+ * 6(1), 2017. */
+static inline Vec3d vec3d_across(Vec3d unit)
+{
+    double sign = unit.z < 0 ? -1 : 1, a = -1 / (sign + unit.z);
+    return (Vec3d){1 + sign * unit.x * unit.x * a, sign * unit.x * unit.y * a, -sign * unit.x};
+}
+
 #endif

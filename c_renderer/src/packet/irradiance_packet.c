@@ -129,8 +129,9 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
     SIMD for (int i = 0; i < LANES; i++)
     {
         sum[i] = 0;
-        down_x[i] = up_x[i] = view->x[i];
-        down_y[i] = up_y[i] = view->y[i];
+        /* from the light's corner: small lights' ends are as far apart as they should be */
+        down_x[i] = up_x[i] = 0;
+        down_y[i] = up_y[i] = 0;
     }
     for (int k = 0; k < 4; k++) {
         const double ex = edge_x[k], ey = edge_y[k], ee = ex * ex + ey * ey;
@@ -153,18 +154,19 @@ static NEAR_AND_FAR void sum_edges_above_horizon(const ViewPacket *restrict view
             double ratio = is_near ? angle_ratio_near(cross_squared, dot)
                                    : angle_ratio_far(cross_squared, 1 / dot);
             sum[i] += width > 0 ? facing * ratio : 0;
-            down_x[i] = crosses > 0 ? x + t1 * ex : down_x[i];
-            down_y[i] = crosses > 0 ? y + t1 * ey : down_y[i];
-            up_x[i] = crosses < 0 ? x + t0 * ex : up_x[i];
-            up_y[i] = crosses < 0 ? y + t0 * ey : up_y[i];
+            down_x[i] = crosses > 0 ? start_x[k] + t1 * ex : down_x[i];
+            down_y[i] = crosses > 0 ? start_y[k] + t1 * ey : down_y[i];
+            up_x[i] = crosses < 0 ? start_x[k] + t0 * ex : up_x[i];
+            up_y[i] = crosses < 0 ? start_y[k] + t0 * ey : up_y[i];
         }
     }
     SIMD for (int i = 0; i < LANES; i++)
     {
         double h = view->h[i], ex = up_x[i] - down_x[i], ey = up_y[i] - down_y[i];
-        double turn = down_x[i] * ey - down_y[i] * ex;
+        double x = view->x[i] + down_x[i], y = view->y[i] + down_y[i];
+        double turn = x * ey - y * ex;
         double cross_squared = h * h * (ex * ex + ey * ey) + turn * turn;
-        double dot = down_x[i] * up_x[i] + down_y[i] * up_y[i] + h * h;
+        double dot = x * (x + ex) + y * (y + ey) + h * h;
         double n2 =
             view->nx[i] * view->nx[i] + view->ny[i] * view->ny[i] + view->nz[i] * view->nz[i];
         double theta = sqrt(cross_squared * n2) * angle_ratio_near(cross_squared, dot);
@@ -344,13 +346,25 @@ static void clear_unlit(const ViewPacket *restrict view, Lanes irradiance)
     }
 }
 
-void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPacket *hits,
-                       double irradiance[LANES])
+/* The closed form of irradiance.c, lane by lane, in those of `lanes`. */
+static void irradiance_by_lane(const Scene *scene, const Light *light, const HitPacket *hits,
+                               const Lanes lanes, Lanes irradiance)
+{
+    for (int i = 0; i < LANES; i++) {
+        const Hit hit = packet_lane(hits, i);
+        if (lanes[i] > 0)
+            irradiance[i] = irradiance_light(scene, light, &hit, NULL);
+    }
+}
+
+static void irradiance_of_quad(const Scene *scene, const Light *light, const HitPacket *hits,
+                               Lanes irradiance)
 {
     ViewPacket view;
     CapPacket caps[MAX_CAPS];
     memset(irradiance, 0, sizeof(Lanes));
-    const int nb_caps = hits->any_hit ? light_view_packet(scene, light, hits, &view, caps) : 0;
+    const int nb_caps =
+        hits->any_hit ? light_view_packet(scene, &light->shape.quad, hits, &view, caps) : 0;
     if (!hits->any_hit || !any(view.lit))
         return;
     irradiance_without_spheres(&view, irradiance);
@@ -363,10 +377,43 @@ void irradiance_packet(const Scene *scene, const QuadLight *light, const HitPack
     clear_unlit(&view, irradiance);
     if (!any(view.hard))
         return;
+    SIMD for (int i = 0; i < LANES; i++) view.hard[i] *= view.lit[i];
+    irradiance_by_lane(scene, light, hits, view.hard, irradiance);
+}
+
+void irradiance_packet(const Scene *scene, const Light *light, const HitPacket *hits,
+                       double irradiance[LANES])
+{
+    Lanes hit;
+    switch (light->type) {
+    case LIGHT_QUAD:
+        irradiance_of_quad(scene, light, hits, irradiance);
+        return;
+    case LIGHT_POINT:
+    case LIGHT_DISK:
+    case LIGHT_TRIANGLE:
+    case LIGHT_SPHERE:
+        break;
+    }
+    for (int i = 0; i < LANES; i++) {
+        irradiance[i] = 0;
+        hit[i] = hits->object[i] >= 0 ? 1.0 : 0.0;
+    }
+    irradiance_by_lane(scene, light, hits, hit, irradiance);
+}
+
+/* One direction, and so one shadow ray, each. */
+static void add_point_light(const Scene *scene, int light, const HitPacket *hits,
+                            RgbPacket *radiance)
+{
     for (int i = 0; i < LANES; i++) {
         const Hit hit = packet_lane(hits, i);
-        if (view.hard[i] > 0 && view.lit[i] > 0)
-            irradiance[i] = irradiance_quad(scene, light, &hit, NULL);
+        if (hit.object == SCENE_NOTHING)
+            continue;
+        const Rgb lighting = exact_light(scene, light, &hit);
+        radiance->r[i] = real_finite(radiance->r[i] + lighting.r);
+        radiance->g[i] = real_finite(radiance->g[i] + lighting.g);
+        radiance->b[i] = real_finite(radiance->b[i] + lighting.b);
     }
 }
 
@@ -375,35 +422,21 @@ void exact_lighting_packet(const Scene *scene, const HitPacket *hits, RgbPacket 
     memset(radiance, 0, sizeof *radiance);
     for (int k = 0; k < scene->nb_lights && hits->any_hit; k++) {
         const Light *light = &scene->lights[k];
-        double irradiance[LANES];
-        switch (light->type) {
-        case LIGHT_POINT:
-        case LIGHT_DISK:
-        case LIGHT_TRIANGLE:
-        case LIGHT_SPHERE:
-            for (int i = 0; i < LANES; i++) {
-                const Hit hit = packet_lane(hits, i);
-                if (hit.object == SCENE_NOTHING)
-                    continue;
-                const Rgb lighting = exact_light(scene, k, &hit);
-                radiance->r[i] = real_finite(radiance->r[i] + lighting.r);
-                radiance->g[i] = real_finite(radiance->g[i] + lighting.g);
-                radiance->b[i] = real_finite(radiance->b[i] + lighting.b);
-            }
-            break;
-        case LIGHT_QUAD:
-            irradiance_packet(scene, &light->shape.quad, hits, irradiance);
-            SIMD for (int i = 0; i < LANES; i++)
-            {
-                const Rgb emitted = light->shape.quad.radiance;
-                const real r = hits->brdf.r[i] * emitted.r * (real)irradiance[i];
-                radiance->r[i] = real_finite(radiance->r[i] + r);
-                const real g = hits->brdf.g[i] * emitted.g * (real)irradiance[i];
-                radiance->g[i] = real_finite(radiance->g[i] + g);
-                const real b = hits->brdf.b[i] * emitted.b * (real)irradiance[i];
-                radiance->b[i] = real_finite(radiance->b[i] + b);
-            }
-            break;
+        if (!light_is_surface(light)) {
+            add_point_light(scene, k, hits, radiance);
+            continue;
+        }
+        const Rgb emitted = light_radiance(light);
+        Lanes irradiance;
+        irradiance_packet(scene, light, hits, irradiance);
+        SIMD for (int i = 0; i < LANES; i++)
+        {
+            const real r = hits->brdf.r[i] * emitted.r * (real)irradiance[i];
+            radiance->r[i] = real_finite(radiance->r[i] + r);
+            const real g = hits->brdf.g[i] * emitted.g * (real)irradiance[i];
+            radiance->g[i] = real_finite(radiance->g[i] + g);
+            const real b = hits->brdf.b[i] * emitted.b * (real)irradiance[i];
+            radiance->b[i] = real_finite(radiance->b[i] + b);
         }
     }
 }

@@ -2,6 +2,25 @@
 
 /* ---- the light, its horizon, and planes ---- */
 
+static QuadFrame quad_frame(const QuadLight *light)
+{
+    Vec3d u = vec3d_from(light->edge_u), v = vec3d_from(light->edge_v);
+    QuadFrame frame;
+    frame.ux = vec3d_length(u);
+    frame.x = vec3d_scale(u, 1 / frame.ux);
+    frame.z = vec3d_unit(vec3d_cross(u, v));
+    frame.y = vec3d_cross(frame.z, frame.x);
+    frame.vx = vec3d_dot(v, frame.x);
+    frame.vy = vec3d_dot(v, frame.y);
+    return frame;
+}
+
+static Vec3d quad_frame_direction(const QuadFrame *frame, Vec3d world)
+{
+    return (Vec3d){vec3d_dot(world, frame->x), vec3d_dot(world, frame->y),
+                   vec3d_dot(world, frame->z)};
+}
+
 static void see_quad(const QuadLight *light, const HitPacket *restrict hits,
                      ViewPacket *restrict view)
 {
@@ -136,6 +155,8 @@ static void see_cone(ViewPacket *restrict view, CapPacket *restrict cap)
 {
     const QuadFrame f = view->frame;
     const double rr = cap->radius_squared, r = sqrt(rr);
+    /* arcs are known to eps, and not to eps times a small light's size: 1e-9 of it, at worst */
+    const double least_size = 1e-6, size_squared = f.ux * f.ux + f.vx * f.vx + f.vy * f.vy;
     SIMD for (int i = 0; i < LANES; i++)
     {
         double cx = cap->x[i], cy = cap->y[i], cz = cap->z[i], h = view->h[i];
@@ -153,6 +174,7 @@ static void see_cone(ViewPacket *restrict view, CapPacket *restrict cap)
         /* f loses digits as 1 / sin^2 of the cone's half-angle, t as 1 / cos^2 */
         strange = rr > 1e-7 * dd ? strange : 1;
         strange = tt > 1e-7 * dd ? strange : 1;
+        strange = size_squared > least_size * (low + x0 * x0) ? strange : 1;
         double hard = strange > 0 ? 1.0 : cap->own[i];
         f0 = ahead0 > 0 ? f0 : -1;
         f1 = ahead1 > 0 ? f1 : -1;

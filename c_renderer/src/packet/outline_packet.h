@@ -32,7 +32,13 @@ static inline bool any(const Lanes condition)
     return all;
 }
 
-/* The light as sixteen points see it, in its own frame (outline.h). */
+/* x along edge_u, z along the light's normal, which points away from all that it shines on. */
+typedef struct {
+    Vec3d x, y, z;     /* unit, in world coordinates */
+    double ux, vx, vy; /* edge_u = (ux, 0, 0), edge_v = (vx, vy, 0); ux, vy > 0 [m] */
+} QuadFrame;
+
+/* The light as sixteen points see it, in its own frame. */
 typedef struct {
     QuadFrame frame;
     Lanes x, y, h;    /* the corner, from the point */
