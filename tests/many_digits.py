@@ -96,6 +96,8 @@ def great(pole: Vector) -> Circle:
 def silhouette(center: Vector, radius: Any) -> Circle:
     squared = dot(center, center)
     tangent = squared - radius**2
+    if tangent == 0:
+        return great(center)
     return Circle(
         times(center, tangent / squared), *across(center), radius * mp.sqrt(tangent / squared)
     )
@@ -325,11 +327,11 @@ def roots(coefficient: list[Any]) -> list[Any]:
     close together that it may need them all is left to mpmath, which is slow."""
     start = np.roots([complex(c) for c in coefficient])
     if any(abs(a - b) < 1e-3 for a, b in itertools.combinations(start, 2)):
-        return list(mp.polyroots(coefficient, maxsteps=500, extraprec=300))
+        return list(mp.polyroots(coefficient[::-1], maxsteps=500, extraprec=300, asc=True))
     found = []
     for z in (mp.mpmathify(complex(z)) for z in start):
         for _ in range(6):
-            value, slope = mp.polyval(coefficient, z, derivative=True)
+            value, slope = mp.polyval(coefficient[::-1], z, derivative=True, asc=True)
             z -= value / slope
         found.append(z)
     return found
