@@ -107,8 +107,8 @@ build: $(SELF_SHADOW)
 
 PENUMBRA := .venv/bin/penumbra
 RENDER   := build/bin/penumbra-render
-SCENES   := tp3 tp3_statement tp3_point \
-            tp3_disk tp3_sphere tp3_triangle tp3_sheared tp3_two_lights
+LIGHTS   := tp3_sheared tp3_disk tp3_triangle tp3_sphere tp3_two_lights
+SCENES   := tp3 tp3_statement tp3_point $(LIGHTS)
 
 ## render : the lab's scene: build/tp3.exr, and build/tp3.png as the lab saves it
 .PHONY: render
@@ -125,57 +125,60 @@ pixel_samples = $(lastword $(subst _m, ,$(1)))
 light_samples = $(lastword $(subst _n, ,$(1:_m$(pixel_samples)=)))
 scene         = $(1:_n$(light_samples)_m$(pixel_samples)=)
 
-# The samples of a sphere spread over the cone that is seen of it: a third of the noise.
-ESTIMATOR_tp3_sphere := --estimator solid-angle
+# The lab's own scenes with independent samples, whose variance tells their error; its other lights
+# with well-spread ones, a sphere over the cone that is seen of it.
+how = $(if $(filter $(LIGHTS),$(1)),--sampler sobol $(if $(filter %_sphere,$(1)),--estimator solid-angle))
 build/images/%.exr: scenes/$$(call scene,$$*).json $(RENDER)
 	@mkdir -p $(@D)
 	$(RENDER) $< --light-samples $(call light_samples,$*) --pixel-samples $(call pixel_samples,$*) \
-	    --seed 1 $(ESTIMATOR_$(call scene,$*)) -o $@
+	    --seed 1 $(call how,$(call scene,$*)) -o $@
 
 ## reference : each scene in Cycles, build/reference/*.exr
 .PHONY: reference
 reference: $(SCENES:%=build/reference/%.exr)
 
-# As many samples as it takes to tell a bias of 0.1%; a point light has no noise.
-SAMPLES                := 256
-SAMPLES_tp3_statement  := 128
-SAMPLES_tp3_point      := 16
-SAMPLES_tp3_triangle   := 128
-SAMPLES_tp3_two_lights := 128
+# As many samples as it takes to tell a bias of 0.1%; a point light has no noise. Under the other
+# lights fewer pixels have more samples each: the points of a pixel are well spread, so that the same
+# error costs half.
+SAMPLES               := 2048
+SAMPLES_tp3           := 192
+SAMPLES_tp3_statement := 128
+SAMPLES_tp3_point     := 16
+size = $(if $(filter $(LIGHTS),$(1)),--width 150 --height 100)
 # Without Cycles (exit status 3): the small reference that the repository holds.
 build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.run
 	@mkdir -p $(@D)
-	$(PENUMBRA) reference $< -o $@ --samples $(or $(SAMPLES_$*),$(SAMPLES)) || \
+	$(PENUMBRA) reference $< -o $@ $(call size,$*) --samples $(or $(SAMPLES_$*),$(SAMPLES)) || \
 	    { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@.part && mv $@.part $@; }
 
-COMPARE := $(wildcard compare/*.py compare/*/*.py)
-
-# Verdicts: build/agreement/SCENE_IMAGE_REFERENCE.json, and .txt for reading. $(3) is the largest
-# exit status that is a result: 1, "differs", always is.
-define compare
-@mkdir -p $(@D)
-$(PENUMBRA) compare $(1) $(2) --scene scenes/$*.json $(if $(filter tp3,$*),--perceptual) \
-    --json $@ >$(@:json=txt); [ $$? -le $(3) ]
-endef
-
-# Ours: the image of the most light samples. A point light needs but one; a disk's take five times
-# as long as a quad's, and a sphere's are taken one pixel at a time.
-MOST            := 32768
-MOST_tp3_point  := 1
-MOST_tp3_disk   := 16384
-MOST_tp3_sphere := 2048
+# Ours: the image of the most light samples. A point light needs but one.
+MOST               := 1024
+MOST_tp3           := 32768
+MOST_tp3_statement := 32768
+MOST_tp3_point     := 1
 most = $(or $(MOST_$(1)),$(MOST))
 ours = build/images/$(1)_n$(call most,$(1))_m1.exr
 
-build/agreement/%_c_exact.json: $$(call ours,$$*) scenes/%.json $(COMPARE)
-	$(call compare,$<,exact,1)
+# ... and of the reference's size.
+small = $(if $(filter $(LIGHTS),$(1)),build/images/$(1)_small.exr,$(call ours,$(1)))
+build/images/%_small.exr: scenes/%.json $(RENDER)
+	@mkdir -p $(@D)
+	$(RENDER) $< --light-samples 4096 --seed 1 $(call how,$*) $(call size,$*) -o $@
 
-build/agreement/%_cycles_exact.json: build/reference/%.exr scenes/%.json $(COMPARE)
-	$(call compare,$<,exact,1)
+COMPARE := $(wildcard compare/*.py compare/*/*.py)
 
-# Status 2: left out, since the two differ in size, as the small references in the repository do.
-build/agreement/%_c_cycles.json: $$(call ours,$$*) build/reference/%.exr scenes/%.json $(COMPARE)
-	$(call compare,$<,$(word 2,$^),2)
+# Verdicts: build/agreement/SCENE_IMAGE_REFERENCE.json, and .txt for reading. The last argument is the
+# largest exit status that is a result: 1, "differs", always is; 2 where the two differ in size, as
+# the small references in the repository do. Three at a time: each uses one core.
+verdict = $(PENUMBRA) compare $(2) $(3) --scene scenes/$*.json $(if $(filter tp3,$*),--perceptual) \
+    --json $(@D)/$*_$(1).json >$(@D)/$*_$(1).txt || [ $$? -le $(4) ]
+build/agreement/%_c_exact.json build/agreement/%_cycles_exact.json build/agreement/%_c_cycles.json: \
+    $$(call ours,$$*) $$(call small,$$*) build/reference/%.exr scenes/%.json $(COMPARE)
+	@mkdir -p $(@D)
+	{ $(call verdict,c_exact,$(call ours,$*),exact,1); } & first=$$!; \
+	{ $(call verdict,cycles_exact,build/reference/$*.exr,exact,1); } & second=$$!; \
+	{ $(call verdict,c_cycles,$(call small,$*),build/reference/$*.exr,2); } && \
+	    wait $$first && wait $$second
 
 # A run that was stopped goes on where it was. Without Cycles: our curves alone.
 CONVERGE = $(PENUMBRA) converge $< -o build/convergence/tp3 --pixel-samples 1,16
@@ -211,12 +214,11 @@ build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/stud
     scenes/tp3.json $(SELF_SHADOW)
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
-# The shadow along a line, under each of the scenes' lights.
-LIGHTS := tp3 tp3_sheared tp3_disk tp3_triangle tp3_sphere tp3_two_lights
-build/lights/profile.json: $(LIGHTS:%=scenes/%.json) $(COMPARE) | build/setup.run
-	$(PENUMBRA) profile $(LIGHTS:%=scenes/%.json) -o $@
+# The shadow along a line, under each light.
+build/lights/profile.json: scenes/tp3.json $(LIGHTS:%=scenes/%.json) $(COMPARE) | build/setup.run
+	$(PENUMBRA) profile $(filter %.json,$^) -o $@
 
-IMAGES := tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
+IMAGES := $(LIGHTS:%=%_small) tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16 64 256,tp3_statement_n$(n)_m1) \
           $(foreach name,$(SCENES),$(name)_n$(call most,$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 

@@ -135,9 +135,10 @@ def command_of(data: Data, file: str) -> str:
             f"penumbra reference scenes/{scene_name}.json --samples {a['lightSamples']} "
             f"--parts {a['parts']} --seed {a['seed']}{size} -o build/{file}"
         )
-    default = a.get("estimator", "area") == "area"
-    estimator = "" if default else f" --estimator {a['estimator']}"
+    how = ""
+    for option, default in (("sampler", "independent"), ("estimator", "area")):
+        how += f" --{option} {a[option]}" if a.get(option, default) != default else ""
     return (
         f"build/bin/penumbra-render scenes/{scene_name}.json --light-samples {a['lightSamples']} "
-        f"--pixel-samples {a['pixelSamples']} --seed {a['seed']}{size}{estimator} -o build/{file}"
+        f"--pixel-samples {a['pixelSamples']} --seed {a['seed']}{size}{how} -o build/{file}"
     )
