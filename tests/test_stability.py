@@ -43,6 +43,7 @@ from compare.studies.stability import (
 from tests.conftest import STRESS
 
 Render = Callable[..., Image]
+OTHER_LIGHTS = [s for s in SWEEPS if s.name.startswith(("disk", "triangle", "sphere-light"))]
 EPS = {"float32": float(np.finfo(np.float32).eps), "float64": float(np.finfo(np.float64).eps)}
 
 
@@ -160,6 +161,15 @@ def test_exact_estimator_stays_right_where_the_light_is_near(tmp_path: Path) -> 
             rows = measure(name, value, sweep.build(value), tmp_path, ("exact",))
             for row in rows:
                 assert row.relative_error * row.mean <= 32 * EPS[row.precision] * np.pi
+
+
+@pytest.mark.parametrize("sweep", OTHER_LIGHTS, ids=[s.name for s in OTHER_LIGHTS])
+def test_exact_estimator_knows_every_shape_at_its_extremes(sweep: Sweep, tmp_path: Path) -> None:
+    """C's against Python's, in both precisions: the disk on edge, small, cut by the horizon, the
+    sliver, the sphere light that touches or holds the floor. 32 eps of pi, as above."""
+    for value in sweep.values[::2]:
+        for row in measure(sweep.name, value, sweep.build(value), tmp_path, ("exact",)):
+            assert row.relative_error * row.mean <= 32 * EPS[row.precision] * np.pi, value
 
 
 # ---- any valid scene
