@@ -138,13 +138,13 @@ build/images/%.exr: scenes/$$(call scene,$$*).json $(RENDER)
 reference: $(SCENES:%=build/reference/%.exr)
 
 # As many samples as it takes to tell a bias of 0.1%; a point light has no noise. Under the other
-# lights fewer pixels have more samples each: the points of a pixel are well spread, so that the same
-# error costs half.
-SAMPLES               := 2048
-SAMPLES_tp3           := 192
+# lights fewer pixels have more samples each: those of a pixel are well spread, so that the same
+# certainty costs less.
+SAMPLES               := 1280
+SAMPLES_tp3           := 256
 SAMPLES_tp3_statement := 128
 SAMPLES_tp3_point     := 16
-size = $(if $(filter $(LIGHTS),$(1)),--width 150 --height 100)
+size = $(if $(filter $(LIGHTS),$(1)),--width 225 --height 150)
 # Without Cycles (exit status 3): the small reference that the repository holds.
 build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.run
 	@mkdir -p $(@D)
