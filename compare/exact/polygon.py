@@ -6,6 +6,7 @@ docs/exact.md derives it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,26 +46,26 @@ class Polygon:
     def __getitem__(self, which: np.ndarray) -> Polygon:
         return Polygon(self.vertex[which], self.side[which], self.empty[which])
 
-    @property
+    @cached_property
     def middle(self) -> np.ndarray:
         """(n, 3) unit vectors to somewhere amid each polygon"""
         return unit(unit(self.vertex).sum(axis=1))
 
-    @property
+    @cached_property
     def angle(self) -> np.ndarray:
         """(n, K) the angle that each edge subtends [rad]"""
         after = np.roll(self.vertex, -1, axis=1)
         moment = cross(self.vertex, after - self.vertex)
         return np.arctan2(np.sqrt(dot(moment, moment)), dot(self.vertex, after))
 
-    @property
+    @cached_property
     def pole(self) -> np.ndarray:
         """(n, K, 3) as `side`, but of the corners as they are: with any other pole than that of
         the corners whose angle it multiplies the edges' sum would be off by the ratio of a light's
         distance to its width."""
         return unit(cross(self.vertex, np.roll(self.vertex, -1, axis=1) - self.vertex))
 
-    @property
+    @cached_property
     def sensitivity(self) -> np.ndarray:
         """(n,) the most that the projected solid angle changes with the outline's places [m^-1]:
         the integral of |dr| / |X|, at most that of |dX| / X^2, theta over each line's distance."""
