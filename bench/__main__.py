@@ -69,8 +69,7 @@ def _bench(options: argparse.Namespace) -> int:
     }
     out: Path = options.out
     write_csv(out / "frames.csv", COLUMNS, measured.frames)
-    columns = ("round", "threads", "fma_per_second", "divisions_per_second")
-    write_csv(out / "peak.csv", columns, measured.peaks)
+    write_csv(out / "peak.csv", PEAK_COLUMNS, measured.peaks)
     write_json(out / "bench.json", result)
     if options.page:
         write_page(options.page, result)
