@@ -17,25 +17,28 @@ Render = Callable[..., Image]
 SIZE = {"width": 150, "height": 100}
 
 
-@pytest.mark.parametrize("target", [0.1, 0.02])
+@pytest.mark.parametrize(
+    ("name", "target"), [("tp3", 0.1), ("tp3", 0.02), ("tp3_disk", 0.1), ("tp3_sphere", 0.1)]
+)
 def test_at_most_5_percent_of_the_pixels_are_above_their_stated_error(
-    target: float, render: Render, scenes: Path
+    name: str, target: float, render: Render, scenes: Path
 ) -> None:
     """|image - exact| <= 2 sqrt(stated variance), grey. Over K = 4 seeds and n object pixels the
     share above it is binomial: 5% and 3 standard errors allowed, in regions of 1,000 pixels."""
-    scene = read_scene(scenes / "tp3.json")
+    file = scenes / f"{name}.json"
+    scene = read_scene(file)
     exact = exact_image(scene, **SIZE)
     above = []
     for seed in range(4):
-        image = render(scenes / "tp3.json", target_error=target, seed=seed, **SIZE)
+        image = render(file, target_error=target, light_samples=4096, seed=seed, **SIZE)
         assert image.variance is not None
         stated = 2 * np.sqrt(image.variance).mean(axis=-1)
         error = np.abs(image.radiance - exact.radiance).mean(axis=-1)
         above.append(error > stated + 1e-6 * exact.radiance.mean(axis=-1))
-    for name, mask in regions(scene, exact).items():
+    for region, mask in regions(scene, exact).items():
         if mask.sum() >= 1000:
             share = np.mean([a[mask] for a in above])
-            assert share <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / mask.sum() / 4), name
+            assert share <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / mask.sum() / 4), region
 
 
 def test_the_mean_is_unbiased(render: Render, scenes: Path) -> None:

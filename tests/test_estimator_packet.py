@@ -15,6 +15,7 @@ from compare.scene import read_scene
 
 Render = Callable[..., Image]
 SAMPLERS = ("independent", "jittered", "sobol")
+OTHER_LIGHTS = ("tp3_disk", "tp3_sphere", "tp3_triangle", "tp3_sheared", "tp3_two_lights")
 
 
 def random_scene(seed: int) -> dict[str, Any]:
@@ -108,7 +109,7 @@ def test_estimator_packet_is_the_textbook_on_random_scenes(
     assert_same(packets, textbook, 7)
 
 
-@pytest.mark.parametrize("scene", ["tp3", "tp3_statement", "tp3_point"])
+@pytest.mark.parametrize("scene", ["tp3", "tp3_statement", "tp3_point", *OTHER_LIGHTS])
 @pytest.mark.parametrize("pixel_samples", [1, 3])
 def test_estimator_packet_is_the_textbook_on_the_labs_scenes(
     scene: str, pixel_samples: int, render: Render, scenes: Path
@@ -134,7 +135,9 @@ def test_every_sampler_is_bit_identical_for_any_number_of_threads(
         assert np.array_equal(image.radiance, images[0].radiance)
 
 
-@pytest.mark.parametrize("scene", ["tp3", "tp3_statement", "tp3_point", "three_spheres"])
+@pytest.mark.parametrize(
+    "scene", ["tp3", "tp3_statement", "tp3_point", "three_spheres", *OTHER_LIGHTS]
+)
 def test_exact_estimator_is_the_exact_solution(scene: str, render: Render, scenes: Path) -> None:
     """Two implementations of one closed form. What is left is the renderer's float32: the point
     that a ray hits is right to some 1e-6, and so is what it sees."""
