@@ -97,7 +97,7 @@ def _how(scene: str) -> str:
 
 def _size(scene: str) -> str:
     """Of the reference."""
-    return " --width 225 --height 150" if scene in OTHER_LIGHTS else ""
+    return " --width 270 --height 180" if scene in OTHER_LIGHTS else ""
 
 
 def image_input(scene: str, light_samples: int, pixel_samples: int = 1) -> Input:

@@ -68,7 +68,7 @@ def inputs(renderer: Path, small_scenes: Path, tmp_path_factory: pytest.TempPath
             continue
         command = item.command.replace("build/bin/penumbra-render", str(renderer))
         command = command.replace(" build/", f" {folder}/").replace(" scenes/", f" {small_scenes}/")
-        command = command.replace(" --width 225 --height 150", "")  # all are of the scenes' size
+        command = command.replace(" --width 270 --height 180", "")  # all are of the scenes' size
         if not item.file.endswith("tp3_c_exact.json"):
             command = command.replace(" --perceptual", "")  # slow; one shows it
         program, *arguments = shlex.split(command)
