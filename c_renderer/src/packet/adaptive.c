@@ -164,20 +164,13 @@ static void add_flat(const LightPacket *packet, const Light *light, const HitPac
                      int count, RngStream first, uint32_t dimension, EstimatePacket *result)
 {
     SampleMoments moments;
-    const Rgb radiance = light_radiance(light);
+    real mean[LANES], variance[LANES];
     sample_moments(packet, light->type, count, first, dimension, &moments);
     for (int i = 0; i < LANES; i++) {
-        real mean = real_finite((real)moments.estimate[i]);
-        real variance = real_finite((real)(moments.one[i].variance / moments.count[i]));
-        real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
-             b = hits->brdf.b[i] * radiance.b;
-        result->radiance.r[i] += r * mean;
-        result->radiance.g[i] += g * mean;
-        result->radiance.b[i] += b * mean;
-        result->variance.r[i] += r * (r * variance);
-        result->variance.g[i] += g * (g * variance);
-        result->variance.b[i] += b * (b * variance);
+        mean[i] = real_finite((real)moments.estimate[i]);
+        variance[i] = real_finite((real)(moments.one[i].variance / moments.count[i]));
     }
+    packet_add(light_radiance(light), hits, mean, variance, result);
 }
 
 void adaptive_direct_lighting(const Scene *scene, const HitPacket *hits, const Target *target,

@@ -272,9 +272,8 @@ void packet_sum(const LightPacket *light, LightType type, const SphericalRectang
     }
 }
 
-/* Adds f_r L_e times a mean [sr]. */
-static void add_light(Rgb radiance, const HitPacket *restrict hits, const real mean[LANES],
-                      EstimatePacket *restrict result)
+void packet_add(Rgb radiance, const HitPacket *restrict hits, const real mean[LANES],
+                const real variance[LANES], EstimatePacket *restrict result)
 {
     SIMD for (int i = 0; i < LANES; i++)
     {
@@ -282,14 +281,11 @@ static void add_light(Rgb radiance, const HitPacket *restrict hits, const real m
         result->radiance.g[i] += hits->brdf.g[i] * radiance.g * mean[i];
         result->radiance.b[i] += hits->brdf.b[i] * radiance.b * mean[i];
     }
-}
-
-/* The same for the mean's variance. r^2 alone may be Inf, and the variance 0. */
-static void add_variance(Rgb radiance, const HitPacket *restrict hits, const real variance[LANES],
-                         EstimatePacket *restrict result)
-{
+    if (!variance)
+        return;
     SIMD for (int i = 0; i < LANES; i++)
     {
+        /* r^2 alone may be Inf, and the variance 0 */
         real r = hits->brdf.r[i] * radiance.r, g = hits->brdf.g[i] * radiance.g,
              b = hits->brdf.b[i] * radiance.b;
         result->variance.r[i] += r * (r * variance[i]);
@@ -372,10 +368,8 @@ static void add_flat(const Scene *scene, int light, const HitPacket *hits, const
     real mean[LANES], variance[LANES];
     flat_estimate(packet, from->type, known == RECTANGLE_IN_ALL_LANES ? &rectangle : NULL, points,
                   first, (uint32_t)light + 1, mean, variance);
-    const Rgb radiance = light_radiance(from);
-    add_light(radiance, hits, mean, result);
-    if (points->sampler == SAMPLER_INDEPENDENT)
-        add_variance(radiance, hits, variance, result);
+    const bool known_variance = points->sampler == SAMPLER_INDEPENDENT;
+    packet_add(light_radiance(from), hits, mean, known_variance ? variance : NULL, result);
 }
 
 void packet_direct_lighting(const Scene *scene, const HitPacket *hits, int nb_packets,

@@ -36,6 +36,10 @@ void packet_sum(const LightPacket *light, LightType type, const SphericalRectang
                 const PointSet *points, RngStream first, uint32_t dimension, double sum[LANES],
                 double sum_of_squares[LANES]);
 
+/* Adds f_r L_e times a light's mean [sr], and likewise its variance, if there is one. */
+void packet_add(Rgb radiance, const HitPacket *hits, const real mean[LANES],
+                const real variance[LANES], EstimatePacket *result);
+
 /* One light by estimator.c, lane by lane, added to result: what SEEN_STRANGE needs. */
 void packet_textbook(const Scene *scene, int light, const HitPacket *hits, const PointSet *points,
                      Spread spread, RngStream first, EstimatePacket *result);
