@@ -498,40 +498,6 @@ static void read_point_light(Reader *reader, const json_t *item, size_t index, v
     *(Light *)out = (Light){LIGHT_POINT, {.point = {to_vec3(position), to_rgb(radiant_intensity)}}};
 }
 
-/* What a quad and a triangle have in common. */
-typedef struct {
-    Vec3d corner, edge_u, edge_v;
-    Vec3d normal;     /* normalize(u x v) */
-    double quad_area; /* |u x v| [m^2] */
-} Edges;
-
-static Edges get_edges(Reader *reader, const json_t *item, const char *shape)
-{
-    Edges edges = {.corner = get_point(reader, item, "position"),
-                   .edge_u = get_point(reader, item, "u"),
-                   .edge_v = get_point(reader, item, "v")};
-    unit(reader, "u", edges.edge_u);
-    unit(reader, "v", edges.edge_v);
-    Vec3d normal = vec3d_cross(edges.edge_u, edges.edge_v);
-    edges.quad_area = vec3d_length(normal);
-    if (edges.quad_area <= MIN_LENGTH * vec3d_length(edges.edge_u) * vec3d_length(edges.edge_v)) {
-        char reason[60];
-        snprintf(reason, sizeof reason, "u and v are parallel: the %s has no area", shape);
-        refuse_key(reader, "v", reason);
-    } else {
-        edges.normal = divided(normal, edges.quad_area);
-    }
-    return edges;
-}
-
-static void put_edges(Reader *reader, const Edges *edges)
-{
-    put_field(reader, "corner", edges->corner);
-    put_field(reader, "edge_u", edges->edge_u);
-    put_field(reader, "edge_v", edges->edge_v);
-    put_field(reader, "normal", edges->normal);
-}
-
 /* The last two fields of every light that is a surface. */
 static void put_emission(Reader *reader, double area, Vec3d radiance)
 {
@@ -540,22 +506,48 @@ static void put_emission(Reader *reader, double area, Vec3d radiance)
     put(reader, "}");
 }
 
-static void read_quad_light(Reader *reader, const json_t *item, size_t index, void *out)
+/* A quad, or the triangle that is half of it. */
+static FlatLight read_flat_light(Reader *reader, const json_t *item, size_t index,
+                                 const char *shape, double share)
 {
     static const char *const KEYS[] = {"name", "position", "u", "v", "color", "power", NULL};
     char name[MAX_NAME + 1];
     check_keys(reader, item, KEYS);
     get_name(reader, item, name);
-    Edges edges = get_edges(reader, item, "quad");
-    double area = edges.quad_area;
-    Vec3d radiance = color_times_power(reader, item);
+    const Vec3d corner = get_point(reader, item, "position");
+    const Vec3d u = get_point(reader, item, "u"), v = get_point(reader, item, "v");
+    unit(reader, "u", u);
+    unit(reader, "v", v);
+    Vec3d normal = vec3d_cross(u, v);
+    const double quad_area = vec3d_length(normal), area = share * quad_area;
+    if (quad_area <= MIN_LENGTH * vec3d_length(u) * vec3d_length(v)) {
+        char reason[60];
+        snprintf(reason, sizeof reason, "u and v are parallel: the %s has no area", shape);
+        refuse_key(reader, "v", reason);
+    } else {
+        normal = divided(normal, quad_area);
+    }
+    const Vec3d radiance = color_times_power(reader, item);
     put_item(reader, index, name);
-    put_edges(reader, &edges);
+    put_field(reader, "corner", corner);
+    put_field(reader, "edge_u", u);
+    put_field(reader, "edge_v", v);
+    put_field(reader, "normal", normal);
     put_emission(reader, area, radiance);
-    *(Light *)out =
-        (Light){LIGHT_QUAD,
-                {.quad = {to_vec3(edges.corner), to_vec3(edges.edge_u), to_vec3(edges.edge_v),
-                          to_vec3(edges.normal), (real)area, to_rgb(radiance)}}};
+    return (FlatLight){to_vec3(corner), to_vec3(u), to_vec3(v),
+                       to_vec3(normal), (real)area, to_rgb(radiance)};
+}
+
+static void read_quad_light(Reader *reader, const json_t *item, size_t index, void *out)
+{
+    const QuadLight quad = read_flat_light(reader, item, index, "quad", 1);
+    *(Light *)out = (Light){LIGHT_QUAD, {.quad = quad}};
+}
+
+static void read_triangle_light(Reader *reader, const json_t *item, size_t index, void *out)
+{
+    const TriangleLight triangle = read_flat_light(reader, item, index, "triangle", 0.5);
+    *(Light *)out = (Light){LIGHT_TRIANGLE, {.triangle = triangle}};
 }
 
 static void read_disk_light(Reader *reader, const json_t *item, size_t index, void *out)
@@ -578,24 +570,6 @@ static void read_disk_light(Reader *reader, const json_t *item, size_t index, vo
     *(Light *)out = (Light){
         LIGHT_DISK,
         {.disk = {to_vec3(center), to_vec3(normal), (real)radius, (real)area, to_rgb(radiance)}}};
-}
-
-static void read_triangle_light(Reader *reader, const json_t *item, size_t index, void *out)
-{
-    static const char *const KEYS[] = {"name", "position", "u", "v", "color", "power", NULL};
-    char name[MAX_NAME + 1];
-    check_keys(reader, item, KEYS);
-    get_name(reader, item, name);
-    Edges edges = get_edges(reader, item, "triangle");
-    double area = edges.quad_area / 2;
-    Vec3d radiance = color_times_power(reader, item);
-    put_item(reader, index, name);
-    put_edges(reader, &edges);
-    put_emission(reader, area, radiance);
-    *(Light *)out =
-        (Light){LIGHT_TRIANGLE,
-                {.triangle = {to_vec3(edges.corner), to_vec3(edges.edge_u), to_vec3(edges.edge_v),
-                              to_vec3(edges.normal), (real)area, to_rgb(radiance)}}};
 }
 
 static void read_sphere_light(Reader *reader, const json_t *item, size_t index, void *out)
