@@ -45,13 +45,16 @@ DELTA = 1e-3
 """The relative bias of a region that Cycles may have."""
 
 
-def disagreements(image: Image, reference: Any, scene_file: Path, resolution: float) -> list[str]:
+def disagreements(
+    image: Image, reference: Any, scene_file: Path, resolution: float, spared: int = 0
+) -> list[str]:
     """What speaks against the two showing one scene.
 
     Regions whose bias is beyond DELTA by more than its interval, pixels that contradict the
     reference, and an interval of the whole that is wider than `resolution`: it would show
     nothing. Pixels are looked at for scenes of one light only: of several, Cycles draws one for
-    each sample, and the pixel test takes a sample to hold them all.
+    each sample, and the pixel test takes a sample to hold them all; and so many pixels are
+    `spared`.
     """
     scene = read_scene(scene_file)
     rows = agreement(image, reference, scene, delta=DELTA, confidence=CONFIDENCE)
@@ -62,7 +65,8 @@ def disagreements(image: Image, reference: Any, scene_file: Path, resolution: fl
         problems += [
             f"{row['region']}: {row['consistent_fraction']} of the pixels consistent"
             for row in rows
-            if row["consistent_fraction"] is None or row["consistent_fraction"] < 0.999
+            if row["consistent_fraction"] is None
+            or row["consistent_fraction"] < min(0.999, 1 - (spared + 0.5) / row["pixels"])
         ]
     whole = next(row for row in rows if row["region"] == "all")
     if whole["relative_low"] is None or whole["relative_high"] is None:
@@ -146,6 +150,8 @@ ROOF = {"name": "roof", "point": [0, 14, 0], "normal": [0, 1, -0.9], "color": [0
 TRIANGLE = {"name": "triangle", "position": [2.5, 7, 1], "u": [-5, 0.3, 0.5], "v": [0, 0, 5]}
 SHEARED = {"name": "sheared", "position": [2, 9, 1], "u": [-4, 0, 1], "v": [1, 0.5, 4]}
 
+IN_ITS_PLANE = {"sheared_upright": 2}
+"""Pixels within 0.002 radians of an upright light's plane: there Cycles is off (docs/cycles.md)."""
 CASES: dict[str, dict[str, Any]] = {
     # one under the other, of four colours: none hides another, no mesh and no lamp
     "stacked": {
@@ -233,7 +239,8 @@ def test_cycles_agrees_with_the_exact_solution(
     scene_file = make_scene(**CASES[case]) if case in CASES else scenes / f"{case}.json"
     image = make_reference(scene_file, tmp_path / "out.exr", samples=256, width=60, height=40)
     scene = read_scene(scene_file)
-    assert disagreements(image, exact_for(image, scene), scene_file, resolution=6e-3) == []
+    exact, spared = exact_for(image, scene), IN_ITS_PLANE.get(case, 0)
+    assert disagreements(image, exact, scene_file, resolution=6e-3, spared=spared) == []
     exact = exact_image(scene, 60, 40)
     sky = (exact.object_id < 0) & ~exact.silhouette
     untouched = (image.radiance == exact.radiance.astype(np.float32)).all(axis=-1)
