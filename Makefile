@@ -177,8 +177,8 @@ build/agreement/%_c_exact.json build/agreement/%_cycles_exact.json build/agreeme
 	@mkdir -p $(@D)
 	{ $(call verdict,c_exact,$(call ours,$*),exact,1); } & first=$$!; \
 	{ $(call verdict,cycles_exact,build/reference/$*.exr,exact,1); } & second=$$!; \
-	{ $(call verdict,c_cycles,$(call small,$*),build/reference/$*.exr,2); } && \
-	    wait $$first && wait $$second
+	{ $(call verdict,c_cycles,$(call small,$*),build/reference/$*.exr,2); }; third=$$?; \
+	wait $$first || third=$$?; wait $$second || third=$$?; exit $$third
 
 # A run that was stopped goes on where it was. Without Cycles: our curves alone.
 CONVERGE = $(PENUMBRA) converge $< -o build/convergence/tp3 --pixel-samples 1,16

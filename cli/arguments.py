@@ -7,8 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
-from compare.run.output import named
-
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
 """What is read as an image"""
@@ -103,8 +101,19 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file, scenes/*.json")
 
 
-def add_out(parser: argparse.ArgumentParser, metavar: str, *endings: str) -> None:
-    parser.add_argument("-o", "--out", type=named(*endings), required=True, metavar=metavar)
+def add_out(parser: argparse.ArgumentParser, metavar: str, parse: Callable[[str], Path]) -> None:
+    parser.add_argument("-o", "--out", type=parse, required=True, metavar=metavar)
+
+
+def add_cycles(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--cycles",
+        nargs="?",
+        type=sample_counts,
+        const=sample_counts(default),
+        metavar="N",
+        help=f"Cycles too, with these numbers of samples [{default}]",
+    )
 
 
 def add_size(parser: argparse.ArgumentParser, default: str) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cli.arguments import (
     IMAGE_FILES,
     Subcommands,
+    add_cycles,
     add_scene,
     add_size,
     add_subcommand,
@@ -17,6 +18,7 @@ from cli.arguments import (
     seconds,
 )
 from cli.exit import PASS
+from compare.run.output import plain
 
 if TYPE_CHECKING:
     from compare.run.renderers import Renderer
@@ -41,7 +43,7 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=Path,
+        type=plain(Path),
         metavar="OUT",
         help="writes OUT.csv and OUT.json [build/convergence/SCENE]",
     )
@@ -69,14 +71,7 @@ def add(subcommands: Subcommands) -> None:
         metavar="S",
         help="seconds that one image may take [600]",
     )
-    parser.add_argument(
-        "--cycles",
-        nargs="?",
-        type=sample_counts,
-        const=sample_counts("1..256"),
-        metavar="N",
-        help="Cycles too, with these numbers of samples [1..256]",
-    )
+    add_cycles(parser, "1..256")
     parser.add_argument(
         "--reference",
         type=Path,

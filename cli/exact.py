@@ -6,6 +6,7 @@ import argparse
 
 from cli.arguments import Subcommands, add_out, add_scene, add_size, add_subcommand, positive
 from cli.exit import PASS
+from compare.run.output import named
 from compare.run.provenance import VERSION
 
 
@@ -18,7 +19,7 @@ def add(subcommands: Subcommands) -> None:
         "penumbra exact scenes/tp3.json -o build/exact/tp3.exr",
     )
     add_scene(parser)
-    add_out(parser, "OUT.exr", ".exr")
+    add_out(parser, "OUT.exr", named(".exr"))
     add_size(parser, "the scene's")
     parser.add_argument(
         "--pixel-grid",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cli.arguments import IMAGE_FILES, Subcommands, add_out, add_subcommand
 from cli.exit import PASS
-from compare.run.output import PICTURES
+from compare.run.output import PICTURES, named
 
 
 def add(subcommands: Subcommands) -> None:
@@ -19,7 +19,7 @@ def add(subcommands: Subcommands) -> None:
         "penumbra png build/images/tp3.exr -o tp3.png",
     )
     parser.add_argument("image", type=Path, metavar="IMAGE", help=IMAGE_FILES)
-    add_out(parser, "OUT.png", *PICTURES)
+    add_out(parser, "OUT.png", named(*PICTURES))
 
 
 def run(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cli.arguments import Subcommands, add_out, add_subcommand
 from cli.exit import PASS
+from compare.run.output import named
 
 
 def add(subcommands: Subcommands) -> None:
@@ -19,7 +20,7 @@ def add(subcommands: Subcommands) -> None:
         "penumbra profile scenes/tp3.json scenes/tp3_disk.json -o build/lights/profile.json",
     )
     parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE", help="scenes/*.json")
-    add_out(parser, "OUT.json", ".json")
+    add_out(parser, "OUT.json", named(".json"))
 
 
 def run(options: argparse.Namespace) -> int:

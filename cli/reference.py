@@ -14,6 +14,7 @@ from cli.arguments import (
     positive,
 )
 from cli.exit import PASS, UsageError
+from compare.run.output import named, plain
 
 
 def add(subcommands: Subcommands) -> None:
@@ -28,7 +29,7 @@ def add(subcommands: Subcommands) -> None:
         lambda options: f"; the same command goes on from {options.out}.parts/",
     )
     add_scene(parser)
-    add_out(parser, "OUT.exr", ".exr")
+    add_out(parser, "OUT.exr", plain(named(".exr")))
     parser.add_argument(
         "--samples",
         type=positive,

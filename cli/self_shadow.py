@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cli.arguments import Subcommands, add_subcommand, positive
 from cli.exit import PASS
+from compare.run.output import plain
 
 
 def add(subcommands: Subcommands) -> None:
@@ -22,7 +23,7 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=Path,
+        type=plain(Path),
         metavar="OUT",
         default=Path("build", "stability", "self_shadow"),
         help="writes OUT.csv and OUT.json [build/stability/self_shadow]",

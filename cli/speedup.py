@@ -6,6 +6,7 @@ import argparse
 
 from cli.arguments import Subcommands, add_out, add_scene, add_subcommand, positive, sample_counts
 from cli.exit import PASS
+from compare.run.output import named, plain
 
 
 def add(subcommands: Subcommands) -> None:
@@ -17,7 +18,7 @@ def add(subcommands: Subcommands) -> None:
         "penumbra speedup scenes/tp3.json -o build/speedup.csv --threads 1,2,4",
     )
     add_scene(parser)
-    add_out(parser, "OUT.csv", ".csv")
+    add_out(parser, "OUT.csv", plain(named(".csv")))
     parser.add_argument(
         "--threads",
         type=sample_counts,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cli.arguments import Subcommands, add_subcommand
 from cli.exit import FAIL, PASS
+from compare.run.output import plain
 
 
 def add(subcommands: Subcommands) -> None:
@@ -22,7 +23,7 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=Path,
+        type=plain(Path),
         default=Path("build", "stability", "stability"),
         metavar="OUT",
         help="writes OUT.csv, OUT.json and OUT_scenes/ [build/stability/stability]",

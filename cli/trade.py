@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cli.arguments import (
     Subcommands,
+    add_cycles,
     add_scene,
     add_size,
     add_subcommand,
@@ -16,6 +17,7 @@ from cli.arguments import (
     seconds,
 )
 from cli.exit import PASS
+from compare.run.output import plain
 
 
 def add(subcommands: Subcommands) -> None:
@@ -34,7 +36,7 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=Path,
+        type=plain(Path),
         metavar="OUT",
         help="writes OUT.csv and OUT.json [build/trade/SCENE]",
     )
@@ -46,14 +48,7 @@ def add(subcommands: Subcommands) -> None:
         metavar="SCENE",
         help="try what is recommended on these scenes too",
     )
-    parser.add_argument(
-        "--cycles",
-        nargs="?",
-        type=sample_counts,
-        const=sample_counts("1,4,8,16"),
-        metavar="N",
-        help="Cycles too, with these numbers of samples [1,4,8,16]",
-    )
+    add_cycles(parser, "1,4,8,16")
     parser.add_argument(
         "--targets",
         type=errors,

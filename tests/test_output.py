@@ -264,3 +264,19 @@ def test_a_journal_must_be_a_plain_file_and_a_link_to_it_stays(tmp_path: Path) -
         assert (tmp_path / "end").exists()
         journal.delete()
     assert (tmp_path / "link").is_symlink() and not (tmp_path / "end").exists()
+
+
+@pytest.mark.parametrize(
+    "command", ["reference", "speedup", "converge", "trade", "stability", "self-shadow"]
+)
+def test_what_writes_files_beside_its_output_refuses_a_device(command: str) -> None:
+    """As root `/dev/null.json` would appear."""
+    scene = [] if command in ("stability", "self-shadow") else [str(ROOT / "scenes" / "tp3.json")]
+    ran = subprocess.run(
+        [sys.executable, str(ROOT / "penumbra.py"), command, *scene, "-o", "/dev/null"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert ran.returncode == 2
+    assert '"/dev/null" is a device or a pipe, and files are written beside it' in ran.stderr

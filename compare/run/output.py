@@ -46,6 +46,25 @@ def named(*endings: str) -> Callable[[str], Path]:
     return parse
 
 
+def plain(parse: Callable[[str], Path]) -> Callable[[str], Path]:
+    """For argparse, a file that others are written beside: no device or pipe.
+
+    >>> plain(Path)("/dev/null")
+    Traceback (most recent call last):
+    argparse.ArgumentTypeError: "/dev/null" is a device or a pipe, and files are written beside it
+    """
+
+    def parse_plain(text: str) -> Path:
+        file = parse(text)
+        if file.exists() and not file.is_file() and not file.is_dir():
+            raise argparse.ArgumentTypeError(
+                f'"{text}" is a device or a pipe, and files are written beside it'
+            )
+        return file
+
+    return parse_plain
+
+
 def write_whole(file: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill `<file>.part`, then rename it: the file is whole or absent.
 
