@@ -313,7 +313,7 @@ def profile_chart(
                       label=line.label)  # fmt: skip
         axes.set(xlabel=x_label, ylabel=y_label, ylim=(0, None))
         axes.margins(x=0)
-        axes.legend(loc="lower right", handlelength=2.6, borderaxespad=0.2)
+        axes.legend(loc="upper center", handlelength=2.6, borderaxespad=0.2)
         return _svg(figure, name, description)
 
 
