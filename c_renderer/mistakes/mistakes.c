@@ -1,0 +1,476 @@
+#include "mistakes.h"
+
+#include <string.h>
+
+#include "core/rng.h"
+
+/* ---------------------------------------------------------------- the catalogue, compiled */
+
+enum { NONE, ALL, ROW, NOWHERE, PIXEL, LIGHT, COUNT, RUN, APART, FIRST };
+enum { MOST_SAMPLES = 1 << 12, MOST_GRID = 24, MOST_WEIGHTS = 24 };
+
+/* An entry of catalogue.def: which fields mean something depends on its module. */
+typedef struct {
+    Module module;
+    const char *name;
+    void (*places)(int count, const double *a, const double *b, double *s, double *t);
+    void (*factors)(int count, const double *raw, const double *cl, const double *d, double *w);
+    ShadowRay ray;
+    Output output;
+    double (*scale)(double n, double area, double norms);
+    double (*of_light)(double l, double nl, double n);
+    double (*colour)(double c);
+    double (*drawn)(double n); /* an average: samples, and the weight of each; or, where 0, */
+    double (*weight)(double n, double i);
+    double (*value)(double n, double k); /* of k visible ones */
+    double (*shaded)(double n, double k);
+    int kind; /* of value; where a clamp is; who shares random numbers */
+} Choice;
+
+#define where(condition, yes, no) ((condition) ? (yes) : (no))
+#define MISTAKE(...)
+#define NOTHING(...)
+
+/* first its expressions, as functions */
+#define DOMAIN(name, s_, t_)                                                                       \
+    static void domain_##name(int count, const double *a_, const double *b_, double *s, double *t) \
+    {                                                                                              \
+        for (int j = 0; j < count; j++) {                                                          \
+            double a = a_[j], b = b_[j];                                                           \
+            (void)a, (void)b;                                                                      \
+            s[j] = s_;                                                                             \
+            t[j] = t_;                                                                             \
+        }                                                                                          \
+    }
+#define WEIGHT(name, factor)                                                                      \
+    static void weight_##name(int count, const double *raw_, const double *cl_, const double *d_, \
+                              double *w)                                                          \
+    {                                                                                             \
+        for (int j = 0; j < count; j++) {                                                         \
+            double raw = raw_[j], cl = cl_[j], d = d_[j], cs = raw > 0 ? raw : 0;                 \
+            (void)raw, (void)cs, (void)d;                                                         \
+            w[j] = cl > 0 ? (factor) : 0;                                                         \
+        }                                                                                         \
+    }
+#define OF(result, prefix, name, a, b, c)                       \
+    static double prefix##_##name(double a, double b, double c) \
+    {                                                           \
+        (void)a, (void)b, (void)c;                              \
+        return result;                                          \
+    }
+#define OF2(result, prefix, name, a, b)               \
+    static double prefix##_##name(double a, double b) \
+    {                                                 \
+        (void)a, (void)b;                             \
+        return result;                                \
+    }
+#define OF1(result, prefix, name, a)        \
+    static double prefix##_##name(double a) \
+    {                                       \
+        (void)a;                            \
+        return result;                      \
+    }
+#define SCALE(name, factor) OF(factor, scale, name, n, area, norms)
+#define LIGHTS(name, factor) OF(factor, of_light, name, l, nl, n)
+#define COLOUR(name, factor) OF1(factor, colour, name, c)
+#define AVERAGE(name, drawn_, weight_) OF1(drawn_, drawn, name, n) OF2(weight_, each, name, n, i)
+#define SPLIT(name, kind, value_, shaded_) OF2(value_, value, name, n, k) OF2(shaded_, shaded, name, n, k)
+#define VISIBILITY NOTHING
+#define CLAMP NOTHING
+#define OUTPUT NOTHING
+#define GENERATOR NOTHING
+#include "catalogue.def"
+#undef DOMAIN
+#undef VISIBILITY
+#undef WEIGHT
+#undef SCALE
+#undef LIGHTS
+#undef AVERAGE
+#undef SPLIT
+#undef CLAMP
+#undef OUTPUT
+#undef COLOUR
+#undef GENERATOR
+
+/* then the table */
+#define DOMAIN(name_, s, t) {.module = MODULE_DOMAIN, .name = #name_, .places = domain_##name_},
+#define VISIBILITY(name_, ...) {.module = MODULE_VISIBILITY, .name = #name_, .ray = {__VA_ARGS__}},
+#define WEIGHT(name_, f) {.module = MODULE_WEIGHT, .name = #name_, .factors = weight_##name_},
+#define SCALE(name_, f) {.module = MODULE_SCALE, .name = #name_, .scale = scale_##name_},
+#define LIGHTS(name_, f) {.module = MODULE_LIGHTS, .name = #name_, .of_light = of_light_##name_},
+#define AVERAGE(name_, d, w) \
+    {.module = MODULE_AVERAGE, .name = #name_, .drawn = drawn_##name_, .weight = each_##name_},
+#define SPLIT(name_, kind_, v, s) \
+    {.module = MODULE_AVERAGE, .name = #name_, .kind = kind_, .value = value_##name_, .shaded = shaded_##name_},
+#define CLAMP(name_, kind_) {.module = MODULE_CLAMP, .name = #name_, .kind = kind_},
+#define OUTPUT(name_, ...) {.module = MODULE_OUTPUT, .name = #name_, .output = {__VA_ARGS__}},
+#define COLOUR(name_, f) {.module = MODULE_COLOUR, .name = #name_, .colour = colour_##name_},
+#define GENERATOR(name_, kind_) {.module = MODULE_GENERATOR, .name = #name_, .kind = kind_},
+static const Choice CHOICES[] = {
+#include "catalogue.def"
+};
+
+int mistakes_choice(Module module, const char *name)
+{
+    for (size_t i = 0; i < sizeof CHOICES / sizeof *CHOICES; i++)
+        if (CHOICES[i].module == module && strcmp(CHOICES[i].name, name) == 0)
+            return (int)i;
+    return -1;
+}
+
+/* ---------------------------------------------------------------- samples of a light */
+
+/* The lab's (a) to (c) for `count` places of a light, seen from a point: the way to each [m], its
+ * length, and both cosines. Lights that are not quads keep to random numbers in [0, 1). */
+typedef struct {
+    double x[MOST_SAMPLES], y[MOST_SAMPLES], z[MOST_SAMPLES], d[MOST_SAMPLES];
+    double raw[MOST_SAMPLES], cl[MOST_SAMPLES];
+} Samples;
+
+static double fraction(double x)
+{
+    x -= floor(x);
+    return x < 1 ? x : 0;
+}
+
+static void samples_make(Samples *samples, const Light *light, Vec3 point, Vec3 normal, int count,
+                         const double *s, const double *t)
+{
+    FlatLight flat;
+    if (light->type == LIGHT_QUAD && light_is_flat(light, &flat)) {
+        for (int j = 0; j < count; j++) {
+            double x = flat.corner.x + flat.edge_u.x * s[j] + flat.edge_v.x * t[j] - point.x;
+            double y = flat.corner.y + flat.edge_u.y * s[j] + flat.edge_v.y * t[j] - point.y;
+            double z = flat.corner.z + flat.edge_u.z * s[j] + flat.edge_v.z * t[j] - point.z;
+            double d = sqrt(x * x + y * y + z * z);
+            samples->x[j] = x, samples->y[j] = y, samples->z[j] = z, samples->d[j] = d;
+            samples->raw[j] = (normal.x * x + normal.y * y + normal.z * z) / d;
+            samples->cl[j] = (flat.normal.x * x + flat.normal.y * y + flat.normal.z * z) / d;
+        }
+        return;
+    }
+    LightSampler sampler;
+    light_sampler_create(&sampler, light, point, SPREAD_AREA);
+    for (int j = 0; j < count; j++) {
+        LightSample sample = light_sampler_draw(&sampler, (Uniform2){fraction(s[j]), fraction(t[j])});
+        Vec3 way = vec3_scale(sample.direction, sample.distance);
+        double d = sample.distance, density = sample.pdf_solid_angle * light_area(light);
+        samples->x[j] = way.x, samples->y[j] = way.y, samples->z[j] = way.z, samples->d[j] = d;
+        samples->raw[j] = vec3_dot(normal, sample.direction);
+        samples->cl[j] = density > 0 ? d * d / density : 0;
+    }
+}
+
+/* Which of the rays from a point along (x, y, z), of length d, meet nothing on the way that the
+ * choice looks at. `own` is the object that the point is on. */
+static void rays_see(const Scene *scene, const ShadowRay *ray, Vec3 point, Vec3 normal, int own,
+                     int count, const double *x, const double *y, const double *z, const double *d,
+                     double *seen)
+{
+    Vec3 origin = vec3_along(point, normal, ray->offset);
+    double sign = ray->reversed ? -1 : 1;
+    for (int j = 0; j < count; j++)
+        seen[j] = 1;
+    if (ray->ignored)
+        return;
+    for (int k = 0; k < scene->nb_spheres; k++) {
+        Vec3 c = vec3_sub(scene->spheres[k].center, origin);
+        bool starts_on_it = k == own && ray->offset == 0;
+        double squared = vec3_dot(c, c);
+        double outside = starts_on_it ? 0 : squared - scene->spheres[k].radius * scene->spheres[k].radius;
+        for (int j = 0; j < count; j++) {
+            double end = ray->length > 0 ? ray->length : d[j];
+            double b = sign * (c.x * x[j] + c.y * y[j] + c.z * z[j]) / d[j];
+            double root = b * b - outside;
+            root = sqrt(root > 0 ? root : 0);
+            double near = b - root, far = b + root;
+            int meets = b * b > outside && (((near > ray->start && near < end) && !starts_on_it) ||
+                                            (far > ray->start && far < end));
+            seen[j] = meets ? 0 : seen[j];
+        }
+    }
+    for (int k = 0; k < scene->nb_planes; k++) {
+        const Plane *plane = &scene->planes[k];
+        if (scene->nb_spheres + k == own && ray->offset == 0)
+            continue;
+        double height = vec3_dot(plane->normal, vec3_sub(plane->point, origin));
+        for (int j = 0; j < count; j++) {
+            double end = ray->length > 0 ? ray->length : d[j];
+            double slope = sign * (plane->normal.x * x[j] + plane->normal.y * y[j] + plane->normal.z * z[j]) / d[j];
+            double t = height / slope;
+            seen[j] = t > ray->start && t < end ? 0 : seen[j];
+        }
+    }
+    if (ray->inverted)
+        for (int j = 0; j < count; j++)
+            seen[j] = 1 - seen[j];
+}
+
+/* s, t of a fixed target: ShadowRay. */
+static void target_place(int target, double *s, double *t)
+{
+    static const double places[5][2] = {{0, 0}, {1, 0}, {0, 1}, {1, 1}, {0.5, 0.5}};
+    *s = places[target - 1][0];
+    *t = places[target - 1][1];
+}
+
+/* ---------------------------------------------------------------- what a mistake does on average */
+
+static Vec3 row(const double *values, int i)
+{
+    return (Vec3){values[3 * i], values[3 * i + 1], values[3 * i + 2]};
+}
+
+/* The share of a pixel that sees one place of the light. */
+static double share_seen(const Scene *scene, const Light *light, const Receivers *at, int i,
+                         const ShadowRay *ray, double s, double t)
+{
+    double sum = 0, seen;
+    Samples one;
+    for (int v = -1; v <= 1; v++)
+        for (int u = -1; u <= 1; u++) {
+            Vec3 point = vec3_along(row(at->point, i), row(at->right, i), u * (2.0 / 3));
+            point = vec3_along(point, row(at->down, i), v * (2.0 / 3));
+            samples_make(&one, light, point, row(at->normal, i), 1, &s, &t);
+            rays_see(scene, ray, point, row(at->normal, i), at->object[i], 1, one.x, one.y, one.z, one.d, &seen);
+            sum += seen / 9;
+        }
+    return sum;
+}
+
+/* Whether a domain is one place: then a pixel's edge is where it sees it in part. */
+static bool is_one_place(const Choice *domain, double *s, double *t)
+{
+    const double a[3] = {0.1, 0.7, 0.4}, b[3] = {0.2, 0.5, 0.9};
+    double places[2][3];
+    domain->places(3, a, b, places[0], places[1]);
+    *s = places[0][0], *t = places[1][0];
+    return places[0][1] == *s && places[0][2] == *s && places[1][1] == *t && places[1][2] == *t;
+}
+
+void mistakes_moments(const Scene *scene, int light, const Receivers *receivers, int domain,
+                      const int *rays, int nb_rays, const int *weights, int nb_weights, int grid,
+                      float *chance, float *first, float *second)
+{
+    const Light *it = &scene->lights[light];
+    const double area = light_area(it);
+    const int n = receivers->n;
+    double fixed_s, fixed_t;
+    const bool fixed = is_one_place(&CHOICES[domain], &fixed_s, &fixed_t);
+    grid = fixed ? 1 : grid < MOST_GRID ? grid : MOST_GRID;
+    const int count = grid * grid;
+
+#pragma omp parallel for schedule(dynamic, 64)
+    for (int i = 0; i < n; i++) {
+        Samples samples;
+        double a[MOST_GRID * MOST_GRID], b[MOST_GRID * MOST_GRID];
+        double s[MOST_GRID * MOST_GRID], t[MOST_GRID * MOST_GRID];
+        double seen[MOST_GRID * MOST_GRID], w[MOST_WEIGHTS][MOST_GRID * MOST_GRID];
+        RngStream stream = {1, (uint32_t)i, 0};
+        for (int j = 0; j < count; j++) {
+            Uniform2 random = rng_uniform2(stream, (uint32_t)j, (uint32_t)light + 1);
+            a[j] = (j % grid + random.x) / grid;
+            b[j] = (j / grid + random.y) / grid;
+        }
+        CHOICES[domain].places(count, a, b, s, t);
+        Vec3 point = row(receivers->point, i), normal = row(receivers->normal, i);
+        samples_make(&samples, it, point, normal, count, s, t);
+        for (int k = 0; k < nb_weights; k++)
+            CHOICES[weights[k]].factors(count, samples.raw, samples.cl, samples.d, w[k]);
+        for (int r = 0; r < nb_rays; r++) {
+            const ShadowRay *ray = &CHOICES[rays[r]].ray;
+            const bool apart = ray->apart;
+            if (ray->target || fixed) {
+                double to_s = fixed_s, to_t = fixed_t;
+                if (ray->target)
+                    target_place(ray->target, &to_s, &to_t);
+                double share = share_seen(scene, it, receivers, i, ray, to_s, to_t);
+                for (int j = 0; j < count; j++)
+                    seen[j] = share;
+            } else {
+                rays_see(scene, ray, point, normal, receivers->object[i], count, samples.x, samples.y,
+                         samples.z, samples.d, seen);
+            }
+            double sum = 0;
+            for (int j = 0; j < count; j++)
+                sum += seen[j];
+            chance[r * (long)n + i] = (float)(sum / count);
+            for (int k = 0; k < nb_weights; k++) {
+                double one = 0, two = 0;
+#pragma omp simd reduction(+ : one, two)
+                for (int j = 0; j < count; j++) {
+                    double value = area * w[k][j];
+                    double visible = apart ? 1 : seen[j];
+                    one += visible * value;
+                    two += visible * value * value;
+                }
+                first[((long)r * nb_weights + k) * n + i] = (float)(one / count);
+                second[((long)r * nb_weights + k) * n + i] = (float)(two / count);
+            }
+        }
+    }
+}
+
+/* ---------------------------------------------------------------- what a mistake does */
+
+typedef struct {
+    const Scene *scene;
+    const MistakenSettings *settings;
+    const Choice *choice[NB_MODULES];
+    RngStream stream;
+    bool black; /* acne */
+} Renderer;
+
+/* One light's samples at a hit: how each is seen, and its weight without it. */
+static void draw(const Renderer *renderer, int light, const Hit *hit, int count, double *seen, double *w)
+{
+    const Light *it = &renderer->scene->lights[light];
+    const ShadowRay *ray = &renderer->choice[MODULE_VISIBILITY]->ray;
+    double a[MOST_SAMPLES], b[MOST_SAMPLES], s[MOST_SAMPLES], t[MOST_SAMPLES];
+    Samples samples, apart;
+    const Samples *shadow = &samples;
+    const uint32_t dimension = 3 * ((uint32_t)light + 1);
+    for (int j = 0; j < count; j++) {
+        Uniform2 random = rng_uniform2(renderer->stream, (uint32_t)j, dimension);
+        a[j] = random.x, b[j] = random.y;
+    }
+    renderer->choice[MODULE_DOMAIN]->places(count, a, b, s, t);
+    samples_make(&samples, it, hit->point, hit->normal, count, s, t);
+    renderer->choice[MODULE_WEIGHT]->factors(count, samples.raw, samples.cl, samples.d, w);
+    const double area = light_area(it);
+    for (int j = 0; j < count; j++)
+        w[j] *= area;
+    if (ray->apart || ray->target) {
+        for (int j = 0; j < count; j++) {
+            Uniform2 random = rng_uniform2(renderer->stream, (uint32_t)j, dimension + 1);
+            a[j] = random.x, b[j] = random.y;
+        }
+        renderer->choice[MODULE_DOMAIN]->places(count, a, b, s, t);
+        for (int j = 0; j < count && ray->target; j++)
+            target_place(ray->target, &s[j], &t[j]);
+        samples_make(&apart, it, hit->point, hit->normal, count, s, t);
+        shadow = &apart;
+    }
+    rays_see(renderer->scene, ray, hit->point, hit->normal, hit->object, count, shadow->x, shadow->y,
+             shadow->z, shadow->d, seen);
+    for (int j = 0; j < count && ray->lost > 0; j++)
+        if (rng_uniform2(renderer->stream, (uint32_t)j, dimension + 2).x < ray->lost)
+            seen[j] = 0;
+}
+
+/* The share of unit radiance that a light brings, and what each sample may be clamped at. */
+static double light_mean(const Renderer *renderer, int light, const Hit *hit, double clamp_scale)
+{
+    const Choice *average = renderer->choice[MODULE_AVERAGE];
+    const bool clamps = renderer->choice[MODULE_CLAMP]->kind == LIGHT;
+    const double n = renderer->settings->nb_light_samples;
+    double seen[MOST_SAMPLES], w[MOST_SAMPLES], sum = 0;
+    const int count = (int)(average->drawn ? average->drawn(n) : n);
+    draw(renderer, light, hit, count, seen, w);
+    for (int j = 0; j < count && clamps; j++)
+        w[j] = clamped(w[j] * clamp_scale, 0, 1) / clamp_scale;
+    if (average->drawn) {
+        for (int j = 0; j < count; j++)
+            sum += average->weight(n, j) * seen[j] * w[j];
+        return sum;
+    }
+    double k = 0, of = 0;
+    int visible_first = 0;
+    while (visible_first < count && seen[visible_first] > 0)
+        visible_first++;
+    for (int j = 0; j < count; j++)
+        k += seen[j];
+    k = average->kind == RUN ? visible_first : average->kind == FIRST ? seen[0] : k;
+    const double shaded = average->shaded(n, k);
+    const bool any = average->kind == APART || average->kind == FIRST;
+    for (int j = 0; j < count && of < shaded; j++)
+        if (any || seen[j] > 0)
+            sum += w[j], of++;
+    return of > 0 ? average->value(n, k) * sum / of : 0;
+}
+
+static Rgb hit_radiance(const Renderer *renderer, const Hit *hit)
+{
+    const Scene *scene = renderer->scene;
+    const Output *output = &renderer->choice[MODULE_OUTPUT]->output;
+    double (*colour)(double) = renderer->choice[MODULE_COLOUR]->colour;
+    const double flat[3] = {colour(hit->brdf.r), colour(hit->brdf.g), colour(hit->brdf.b)};
+    double sum[3] = {0, 0, 0};
+    const double n = renderer->settings->nb_light_samples;
+    int surfaces = 0, index = 0;
+    for (int l = 0; l < scene->nb_lights; l++)
+        surfaces += light_is_surface(&scene->lights[l]);
+    for (int l = 0; l < scene->nb_lights; l++) {
+        const Light *light = &scene->lights[l];
+        if (!light_is_surface(light))
+            continue;
+        FlatLight quad;
+        const double area = light_area(light);
+        double norms = area;
+        if (light->type == LIGHT_QUAD && light_is_flat(light, &quad))
+            norms = sqrt(vec3_dot(quad.edge_u, quad.edge_u) * vec3_dot(quad.edge_v, quad.edge_v));
+        double scale = renderer->settings->factor * renderer->choice[MODULE_SCALE]->scale(n, area, norms) *
+                       renderer->choice[MODULE_LIGHTS]->of_light(index++, surfaces, n);
+        const Rgb radiance = light_radiance(light);
+        double brightest = fmax(flat[0] * radiance.r, fmax(flat[1] * radiance.g, flat[2] * radiance.b));
+        double mean = scale * light_mean(renderer, l, hit, brightest > 0 ? brightest : 1);
+        sum[0] += flat[0] * radiance.r * mean;
+        sum[1] += flat[1] * radiance.g * mean;
+        sum[2] += flat[2] * radiance.b * mean;
+    }
+    for (int c = 0; c < 3; c++)
+        sum[c] += output->ambient * flat[c];
+    return (Rgb){sum[0], sum[1], sum[2]};
+}
+
+static Rgb pixel_sample(const Renderer *renderer, double x, double y)
+{
+    const Scene *scene = renderer->scene;
+    const Output *output = &renderer->choice[MODULE_OUTPUT]->output;
+    Ray ray = camera_ray(&scene->camera, x, y, renderer->settings->width, renderer->settings->height);
+    Hit hit = scene_hit(scene, ray);
+    if (hit.object == SCENE_NOTHING)
+        return scene->background;
+    Rgb colour = renderer->black ? (Rgb){0, 0, 0} : hit_radiance(renderer, &hit);
+    if (output->fog > 0) {
+        Vec3 way = vec3_sub(hit.point, ray.origin);
+        double left = exp(-output->fog * sqrt(vec3_dot(way, way)));
+        colour = rgb_add(rgb_scale(colour, left), rgb_scale(scene->background, 1 - left));
+    }
+    if (renderer->choice[MODULE_CLAMP]->kind == PIXEL)
+        colour = (Rgb){clamped(colour.r, 0, 1), clamped(colour.g, 0, 1), clamped(colour.b, 0, 1)};
+    return colour;
+}
+
+void mistakes_render(const Scene *scene, const MistakenSettings *settings, float *radiance)
+{
+    const int width = settings->width, height = settings->height, m = settings->samples_per_pixel;
+    const double across = (double)width / (width - settings->divisor);
+    const double down = (double)height / (height - settings->divisor);
+#pragma omp parallel for schedule(dynamic, 4)
+    for (int y = 0; y < height; y++) {
+        Renderer renderer = {.scene = scene, .settings = settings};
+        for (int k = 0; k < NB_MODULES; k++)
+            renderer.choice[k] = &CHOICES[settings->choice[k]];
+        const int shared = renderer.choice[MODULE_GENERATOR]->kind;
+        const double acne = renderer.choice[MODULE_OUTPUT]->output.acne;
+        for (int x = 0; x < width; x++) {
+            const uint32_t pixel = (uint32_t)(y * width + x);
+            double sum[3] = {0, 0, 0};
+            renderer.black = acne > 0 && rng_uniform2((RngStream){settings->seed, pixel, 0}, 0, 1).x < acne;
+            for (int k = 0; k < m; k++) {
+                RngStream own = {settings->seed, pixel, (uint32_t)k};
+                renderer.stream = own;
+                renderer.stream.pixel = shared == ALL ? 0 : shared == ROW ? (uint32_t)y : pixel;
+                Uniform2 place = rng_uniform2(own, 0, 0);
+                bool random = m > 1 || settings->position_x < 0;
+                double dx = random ? place.x : settings->position_x;
+                double dy = random ? place.y : settings->position_y;
+                Rgb sample = pixel_sample(&renderer, (x + dx) * across, (y + dy) * down);
+                sum[0] += sample.r, sum[1] += sample.g, sum[2] += sample.b;
+            }
+            for (int c = 0; c < 3; c++)
+                radiance[3 * (long)pixel + c] = (float)(sum[c] / m);
+        }
+    }
+}

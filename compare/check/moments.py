@@ -1,0 +1,179 @@
+"""What one light sample does on average under each mistake, by the library of mistakes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cffi
+import numpy as np
+
+from compare.check.catalogue import MODULES, Variant
+from compare.exact.receivers import Receivers
+from compare.run.library import declarations, read_by_c
+from compare.run.provenance import ROOT
+from compare.run.renderers import MissingProgramError
+
+LIBRARY = ROOT / "build" / "lib" / "libmistakes.so"
+HEADERS = ("../mistakes/mistakes.h",)
+
+
+@dataclass(frozen=True)
+class Sites:
+    """n points of the picture that receive light, and how far each moves in half a pixel."""
+
+    receivers: Receivers
+    right: np.ndarray
+    """(n, 3) [m]"""
+    down: np.ndarray
+    """(n, 3) [m]"""
+
+    def __len__(self) -> int:
+        return len(self.receivers)
+
+    def __getitem__(self, which: np.ndarray | slice) -> Sites:
+        return Sites(self.receivers[which], self.right[which], self.down[which])
+
+
+@cache
+def opened() -> tuple[cffi.FFI, Any]:
+    """The library of mistakes, once, and its types. Raises MissingProgramError."""
+    ffi = cffi.FFI()
+    ffi.cdef(declarations(HEADERS, "double"))
+    try:
+        return ffi, ffi.dlopen(str(LIBRARY))
+    except OSError as error:
+        raise MissingProgramError(f"{LIBRARY}: {error}: run `make build`") from error
+
+
+@cache
+def choice_id(module: str, name: str) -> int:
+    """The library's number of a choice."""
+    ffi, library = opened()
+    number = int(library.mistakes_choice(MODULES.index(module), name.encode()))
+    if number < 0:
+        raise MissingProgramError(f"{LIBRARY}: has no {module} {name}: run `make build`")
+    return number
+
+
+@cache
+def scene_of_c(scene_file: Path) -> tuple[Any, Any]:
+    """C's scene in double precision, as the library of mistakes takes it, and its owner."""
+    owner = read_by_c(scene_file, "float64")
+    ffi, _ = opened()
+    address = int(cffi.FFI().cast("uintptr_t", owner))
+    return ffi.cast("Scene *", address), owner
+
+
+Key = tuple[str, str, str]
+"""domain, visibility, weight"""
+
+
+class Moments:
+    """Of some sites and one light of unit radiance: (3, n) float32 for a domain, a visibility and
+    a weight: the chance that a sample sees the light, and the means of V w and V w^2, where w is
+    the area times the weight [sr]. Computed when asked for, by a grid x grid of jittered points at
+    each site, and kept. Raises MissingProgramError.
+    """
+
+    def __init__(self, scene_file: Path, light: int, sites: Sites, grid: int) -> None:
+        self._scene_file, self._light, self._sites, self.grid = scene_file, light, sites, grid
+        self._table: dict[Key, np.ndarray] = {}
+
+    def prepare(self, keys: Iterable[Key]) -> None:
+        """Compute those that are not there yet, all of a domain in one go."""
+        missing: dict[str, list[Key]] = {}
+        for key in keys:
+            if key not in self._table:
+                missing.setdefault(key[0], []).append(key)
+        for domain, wanted in missing.items():
+            by_weights: dict[tuple[str, ...], list[str]] = {}
+            for ray in dict.fromkeys(key[1] for key in wanted):
+                weights = tuple(sorted({key[2] for key in wanted if key[1] == ray}))
+                by_weights.setdefault(weights, []).append(ray)
+            for weights, rays in by_weights.items():
+                self._compute(domain, rays, list(weights))
+
+    def __getitem__(self, key: Key) -> np.ndarray:
+        self.prepare([key])
+        return self._table[key]
+
+    def part(self, which: np.ndarray) -> Moments:
+        """Of some of the sites."""
+        part = Moments(self._scene_file, self._light, self._sites[which], self.grid)
+        part._table = {key: values[:, which] for key, values in self._table.items()}
+        return part
+
+    def _compute(self, domain: str, rays: list[str], weights: list[str]) -> None:
+        ffi, library = opened()
+        n = len(self._sites)
+        arrays = [
+            np.ascontiguousarray(a, dtype=np.float64)
+            for a in (
+                self._sites.receivers.point,
+                self._sites.receivers.normal,
+                self._sites.right,
+                self._sites.down,
+            )
+        ]
+        objects = np.ascontiguousarray(self._sites.receivers.object_id, dtype=np.int32)
+        receivers = ffi.new("Receivers *", [n, *[ffi.from_buffer("double[]", a) for a in arrays],
+                                            ffi.from_buffer("int[]", objects)])  # fmt: skip
+        chance = np.empty((len(rays), n), np.float32)
+        first = np.empty((len(rays), len(weights), n), np.float32)
+        second = np.empty_like(first)
+        scene, _ = scene_of_c(self._scene_file)
+        library.mistakes_moments(
+            *(scene, self._light, receivers, choice_id("domain", domain)),
+            *([choice_id("visibility", ray) for ray in rays], len(rays)),
+            *([choice_id("weight", weight) for weight in weights], len(weights), self.grid),
+            *(ffi.from_buffer("float[]", a) for a in (chance, first, second)),
+        )
+        for r, ray in enumerate(rays):
+            for w, weight in enumerate(weights):
+                self._table[domain, ray, weight] = np.stack([chance[r], first[r, w], second[r, w]])
+
+
+def render(
+    scene_file: Path,
+    variant: Variant,
+    shape: tuple[int, int],
+    nb_light_samples: int,
+    samples_per_pixel: int,
+    seed: int,
+    position: tuple[float, float] | None = (0.5, 0.5),
+    divisor: int = 0,
+    fov_y_deg: float | None = None,
+) -> np.ndarray:
+    """The picture that a mistaken renderer makes: (H, W, 3) float32, linear, not clamped.
+
+    position: of the ray in its pixel, None for a random one; divisor: 1 for pixels divided by
+    W - 1 and H - 1. The output's wrapping is the writer's business. Raises MissingProgramError.
+    """
+    ffi, library = opened()
+    scene, _ = scene_of_c(scene_file)
+    own = ffi.new("Scene *", scene[0])
+    if fov_y_deg is not None:
+        own.camera.tan_half_fov_y = float(np.tan(np.radians(fov_y_deg) / 2))
+    height, width = shape
+    settings = ffi.new(
+        "MistakenSettings *",
+        {
+            "choice": [choice_id(module, getattr(variant, module)) for module in MODULES],
+            "factor": variant.factor,
+            "width": width,
+            "height": height,
+            "nb_light_samples": nb_light_samples,
+            "samples_per_pixel": samples_per_pixel,
+            "seed": seed,
+            "position_x": -1.0 if position is None else position[0],
+            "position_y": -1.0 if position is None else position[1],
+            "divisor": divisor,
+        },
+    )
+    radiance = np.empty((height, width, 3), np.float32)
+    library.mistakes_render(own, settings, ffi.from_buffer("float[]", radiance))
+    return radiance
