@@ -205,8 +205,9 @@ def agreement(
     be); made if it is not given. delta: relative bias that still agrees; DELTA by default,
     DELTA_CYCLES if an image comes in independent parts, as Cycles references do. A clipped
     image's values are not known at all above 1, so pixels whose samples may exceed 1 are left
-    out; an 8-bit one's rays may go through any place of a pixel (`grid_bound`). Raises ComparisonError for arrays of other shapes, NaN or infinite
-    values, and a delta or confidence that is none.
+    out; an 8-bit one's rays may go through any place of a pixel (grid_bound). Raises
+    ComparisonError for arrays of other shapes, NaN or infinite values, and a delta or confidence
+    that is none.
 
     verdict: "agrees" if the interval of the bias lies within +-delta; "differs" if it lies
     outside, at a p-value that stands after Holm's correction over the regions; else
