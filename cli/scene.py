@@ -1,4 +1,4 @@
-"""Prints a scene in SI units."""
+"""Prints a scene in SI units, or as C++."""
 
 from __future__ import annotations
 
@@ -13,14 +13,20 @@ def add(subcommands: Subcommands) -> None:
         subcommands,
         "scene",
         run,
-        "Print a scene in SI units, or say what is wrong with it.",
-        "penumbra scene scenes/tp3.json",
+        "Print a scene in SI units, or say what is wrong with it. As cpp, print the lines that\n"
+        "build it in the lab's C++ framework, to be pasted in Scene::init().",
+        "penumbra scene scenes/tp3.json --as cpp",
     )
     add_scene(parser)
+    parser.add_argument(
+        "--as", dest="language", choices=("si", "cpp"), default="si", help="what to print [si]"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
+    from compare.cpp import cpp_scene
     from compare.scene import dump_scene, read_scene
 
-    print(dump_scene(read_scene(options.scene)), end="")
+    write = cpp_scene if options.language == "cpp" else dump_scene
+    print(write(read_scene(options.scene)), end="")
     return PASS

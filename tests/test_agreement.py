@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.exact.image import LIT, ExactImage, exact_image, regions
+from compare.exact.image import LIT, ExactImage, exact_image, regions, shade
 from compare.exact.receivers import camera_hits
 from compare.measure.agreement import (
     ComparisonError,
@@ -457,6 +457,46 @@ def test_a_verdict_knows_what_each_kind_of_file_can_say(
     assert found["deep.png"]["verdict"] == "agrees"
     assert found["ward.hdr"]["verdict"] == found["lab.png"]["verdict"] == "undecided"
     assert found["ward.hdr"]["pixels"] > found["lab.png"]["pixels"] == found["deep.png"]["pixels"]
+
+
+GRIDS = {"x / W": (0, 0), "x / (W - 1)": (0, 1), "centre / (W - 1)": (0.5, 1)}
+GRIDS |= {"random / W": (None, 0), "random / (W - 1)": (None, 1)}
+
+
+def on_grid(scene: Scene, place: float | None, fewer: int) -> np.ndarray:
+    """(H, W, 3): what single rays through (x + place) / (W - fewer) see; place None: random."""
+    height, width = 100, 150
+    row, column = np.mgrid[0:height, 0:width]
+    random = np.random.default_rng(1).random((2, height, width))
+    dx, dy = random if place is None else (place, place)
+    x, y = (column + dx) * width / (width - fewer), (row + dy) * height / (height - fewer)
+    return shade(scene, camera_hits(scene, x.ravel(), y.ravel(), width, height))[0].reshape(
+        height, width, 3
+    )
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_a_students_pixel_grid_is_no_difference(
+    grid: str, tp3: Scene, tmp_path: Path, scenes: Path
+) -> None:
+    """Noise-free, so nothing but the allowance of one pixel can excuse it. Light of three
+    quarters, as of an area of 3 m^2 for 4, is a difference all the same."""
+    radiance = on_grid(tp3, *GRIDS[grid])
+    found = {}
+    for name, light in (("right.png", 1.0), ("wrong.png", 0.75)):
+        write_display(tmp_path / name, np.where(radiance == 0.5, 0.5, light * radiance))
+        comparison = compare_files(tmp_path / name, "exact", scenes / "tp3.json")
+        found[name] = by_region(comparison.rows)
+        assert f"penumbra check {tmp_path / name} --scene {scenes}" in comparison.notes[1]
+    assert not [row for row in found["right.png"].values() if row["verdict"] == "differs"]
+    assert found["wrong.png"]["floor:lit"]["verdict"] == "differs"
+
+
+def test_a_float_image_on_another_pixel_grid_differs(tp3: Scene) -> None:
+    """Half a pixel aside the floor is 1.5% darker: of floats nothing is excused."""
+    corner = Image(on_grid(tp3, *GRIDS["x / W"]))
+    rows = by_region(agreement(corner, exact_for(corner, tp3), tp3))
+    assert rows["floor:lit"]["verdict"] == "differs", rows["floor:lit"]
 
 
 # ---------------------------------------------------------------- what is refused

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from shlex import quote
 from typing import Literal, TypedDict
 
 import numpy as np
@@ -137,6 +138,14 @@ def compare_files(
     files = [image_file] if str(reference_file) == EXACT else [image_file, reference_file]
     images = [read_image(file) for file in files]
     notes = _check_scenes(files, images, scene_file, scene)
+    notes += [
+        f"{file}: of 8 bits, and through which place of a pixel its rays go is not known: a region "
+        "differs only where no shift by a pixel explains it. To find the place and judge the "
+        f"light: penumbra check {quote(str(file))} --scene {quote(str(scene_file))} "
+        "--light-samples N"
+        for file, image in zip(files, images, strict=True)
+        if image.is_eight_bit
+    ]
     if len({image.shape for image in images}) > 1:
         sizes = " and ".join(
             f"{file} ({image.shape[1]} x {image.shape[0]})"
@@ -196,8 +205,9 @@ def agreement(
     be); made if it is not given. delta: relative bias that still agrees; DELTA by default,
     DELTA_CYCLES if an image comes in independent parts, as Cycles references do. A clipped
     image's values are not known at all above 1, so pixels whose samples may exceed 1 are left
-    out. Raises ComparisonError for arrays of other shapes, NaN or infinite
-    values, and a delta or confidence that is none.
+    out; an 8-bit one's rays may go through any place of a pixel (grid_bound). Raises
+    ComparisonError for arrays of other shapes, NaN or infinite values, and a delta or confidence
+    that is none.
 
     verdict: "agrees" if the interval of the bias lies within +-delta; "differs" if it lies
     outside, at a p-value that stands after Holm's correction over the regions; else
@@ -303,6 +313,19 @@ def sample_range(
     return low, high
 
 
+def grid_bound(exact: ExactImage) -> np.ndarray:
+    """By how much y may be off at most in an image on another pixel grid: (H, W) [W m^-2 sr^-1].
+
+    Through a pixel's corner, x / W, x / (W - 1) or (x + 1/2) / (W - 1), a ray goes at most one
+    pixel aside of its centre in x and in y, so it sees what lies between the exact solution's
+    3x3 pixels around (of one object: silhouettes are in no region).
+    """
+    y = luminance(exact.radiance)
+    above = ndimage.maximum_filter(y, 3, mode="nearest") - y
+    below = y - ndimage.minimum_filter(y, 3, mode="nearest")
+    return np.asarray(np.maximum(above, below))
+
+
 def format_rows(rows: Sequence[Row]) -> str:
     """The rows as a table for a terminal, one comparison after the other."""
     lines: list[str] = []
@@ -393,12 +416,17 @@ class _Case:
         if any(one.clipped for one in pair):
             unclipped = high.max(axis=-1) <= 1
             masks = {k: v & unclipped for k, v in masks.items() if (v & unclipped).any()}
+
+        def bound(one: Image) -> np.ndarray:
+            of_values = np.maximum(rounding, one.rounding)
+            return of_values + (grid_bound(exact) if one.is_eight_bit else 0.0)
+
         if isinstance(reference, Image):
-            other = estimate(reference, np.maximum(rounding, reference.rounding))
+            other = estimate(reference, bound(reference))
         else:
             other = Estimate.known(reference.radiance, reference.error_bound)
         return _Case(
-            estimate(image, np.maximum(rounding, image.rounding)),
+            estimate(image, bound(image)),
             other,
             exact.shadow == LIT,
             exact.object_id,

@@ -62,6 +62,11 @@ class Image:
         """(height, width)"""
         return self.radiance.shape[0], self.radiance.shape[1]
 
+    @property
+    def is_eight_bit(self) -> bool:
+        """It was read from a picture of 8 bits a channel, what a student's program saves."""
+        return self.clipped and bool(np.max(self.rounding) >= 0.5 / 255)
+
 
 def read_image(file: str | Path) -> Image:
     """Read .exr, .pfm (float, little or big endian), .hdr (Radiance), .png (8 or 16 bits a
