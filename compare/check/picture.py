@@ -76,7 +76,7 @@ def read_picture(
     mixed = bool(jpeg) or samples_per_pixel > 1
     shows = np.zeros(levels.shape[:2], dtype=bool)
     if colour is not None:
-        shows = _flat(np.abs(levels - colour).max(axis=-1), tolerance, mixed)
+        shows = _flat(levels, colour, tolerance, mixed)
     if top == 0:
         values = levels / 255
         # a program that clamps before it saves floats leaves many that are exactly 1
@@ -253,15 +253,20 @@ def _common(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return colours, counts[first]
 
 
-def _flat(distance: np.ndarray, tolerance: float, mixed: bool) -> np.ndarray:
-    """Where the background is, from each pixel's distance to its colour: wide areas of it, so that
-    no shade of a surface that happens to be the same is taken for it.
+def _flat(levels: np.ndarray, colour: np.ndarray, tolerance: float, mixed: bool) -> np.ndarray:
+    """Where the background is, given its colour: wide areas of it, so that no shade of a surface
+    that happens to be the same is taken for it.
 
     mixed: the outline's pixels are mixtures, and the background's if more than half of them is.
     """
+    distance = np.abs(levels - colour).max(axis=-1)
     near = distance <= tolerance
     if mixed:
-        near |= distance < 0.5 * ndimage.maximum_filter(distance, 5)
+        # the channels that an object darkens: what is brighter may be far brighter than the top
+        darker = np.clip(colour - levels, 0, None).max(axis=-1)
+        most = ndimage.maximum_filter(darker, 5)
+        plain = distance < 0.5 * ndimage.maximum_filter(distance, 5)
+        near |= np.where(most > 0.5 * colour.max(), darker < 0.5 * most, plain)
     square = np.ones((3, 3), dtype=bool)
     core = ndimage.binary_opening(distance <= tolerance, square, iterations=2)
     core |= _touching_border(distance <= tolerance, core)
