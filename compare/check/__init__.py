@@ -1,0 +1,1 @@
+"""What is wrong with a student's renderer, told from its pictures."""

@@ -18,6 +18,7 @@ import numpy as np
 import OpenEXR
 from PIL import Image as PillowImage
 from PIL.ImageFile import ImageFile as PillowImageFile
+from PIL.JpegImagePlugin import JpegImageFile
 
 from compare.run.output import PICTURES, write_whole
 
@@ -91,7 +92,8 @@ def read_image(file: str | Path) -> Image:
         elif suffix == ".hdr":
             image = _read_hdr(path)
         elif suffix in (*PICTURES, ".bmp"):
-            image = _read_picture(path)
+            values, levels, _ = _read_levels(path)
+            image = _from_levels(values, levels)
         else:
             raise ImageError(f"{path}: not an .exr, .pfm, .hdr, .png, .jpg or .bmp file")
     except ImageError:
@@ -217,30 +219,55 @@ def _no_output() -> Iterator[None]:
         os.close(null)
 
 
-def _read_picture(path: Path) -> Image:
+def read_levels(file: str | Path) -> tuple[np.ndarray, int, str]:
+    """The numbers in a .png, .jpg, .bmp or .ppm file: (H, W, 3) float64, the greatest that they
+    can be (255 or 65535), and of a JPEG whether it is "fine" or "coarse" (low quality, or its
+    colours at half the resolution), else "". Raises ImageError.
+    """
+    path = Path(file)
+    if not path.is_file():
+        raise ImageError(f"{path}: no such file")
+    try:
+        return _read_levels(path)
+    except ImageError:
+        raise
+    except UNREADABLE as error:
+        raise ImageError(f"{path}: cannot be read: {error}") from error
+
+
+def _read_levels(path: Path) -> tuple[np.ndarray, int, str]:
     picture = _open_picture(path)
     with picture:
         raw = _raw_mode(picture)
         if raw == "I;16B":
             grey = np.asarray(picture, dtype=np.float64)
-            return _from_levels(np.stack([grey] * 3, axis=-1), 65535)
+            return np.stack([grey] * 3, axis=-1), 65535, ""
         if picture.mode not in PIXELS or ";15" in raw or (raw not in DEEP and ";16" in raw):
             raise ImageError(f"{path}: {raw or picture.mode} pixels, not 8 or 16 bits a channel")
+        jpeg = _jpeg_kind(picture)
         values = np.asarray(picture.convert("RGB"), dtype=np.float64)
     if raw not in DEEP:
-        return _from_levels(values, 255)
+        return values, 255, jpeg
     # Pillow gives the high bytes alone. Of the other byte order it takes the low ones for them.
     with _open_picture(path) as picture:
         picture.tile = [tile._replace(args=DEEP[raw]) for tile in picture.tile]
         low = np.asarray(picture.convert("RGB"), dtype=np.float64)
-    return _from_levels(256 * values + low, 65535)
+    return 256 * values + low, 65535, ""
+
+
+def _jpeg_kind(picture: PillowImageFile) -> str:
+    if not isinstance(picture, JpegImageFile):
+        return ""
+    steps = np.mean(picture.quantization[min(picture.quantization)])
+    halved = picture.layer[0][1:3] != (1, 1)
+    return "coarse" if steps > 6 or halved else "fine"
 
 
 def _open_picture(path: Path) -> PillowImageFile:
     with warnings.catch_warnings():
         warnings.simplefilter("error", PillowImage.DecompressionBombWarning)
         # Of these kinds only: Pillow knows forty, of which one starts another program.
-        return PillowImage.open(path, formats=("PNG", "JPEG", "BMP"))
+        return PillowImage.open(path, formats=("PNG", "JPEG", "BMP", "PPM"))
 
 
 def _raw_mode(picture: PillowImageFile) -> str:
