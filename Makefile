@@ -103,6 +103,14 @@ $(SELF_SHADOW): compare/studies/self_shadow.c $(wildcard c_renderer/src/core/*.[
 	    $(if $(findstring -float64,$@),-DPENUMBRA_FLOAT64) -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
 build: $(SELF_SHADOW)
 
+# The estimator with the mistakes of the catalogue, in double: a library of its own.
+MISTAKES := build/lib/libmistakes.so
+$(MISTAKES): $(wildcard c_renderer/mistakes/* c_renderer/src/core/*.[ch]) Makefile | build/setup.run
+	@mkdir -p $(@D)
+	gcc $(C_FLAGS) -O3 -march=native -mprefer-vector-width=512 -ffp-contract=fast \
+	    -DPENUMBRA_FLOAT64 -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
+build: $(MISTAKES)
+
 # ---------------------------------------------------------------- the experiment
 
 PENUMBRA := .venv/bin/penumbra
