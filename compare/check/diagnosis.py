@@ -10,34 +10,42 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compare.check.catalogue import MODULES, RIGHT, SPLIT, Choice, Variant, catalogue
+from compare.check.catalogue import RIGHT, SPLIT, Choice, Variant, catalogue
 from compare.check.grid import Grid, fit_grid
 from compare.check.picture import Picture
-from compare.check.prediction import key_of, one_place, surface_lights
-from compare.check.view import Statistics, View
+from compare.check.prediction import brightness, one_place, surface_lights
+from compare.check.view import View
 from compare.scene import Scene
 
 TEMPER = 0.5
 """Cells are not quite independent of each other: what a log-likelihood counts"""
-PRICE_ONE, PRICE_TWO, PRICE_FACTOR = 10.0, 40.0, 45.0
-"""Of one mistake, of two, of an unexplained brightness, in units of the tempered log-likelihood"""
+PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 10.0, 40.0, 20.0, 45.0
+"""Of one mistake, of two, of every further one, of an unexplained brightness beside a mistake, in
+units of the tempered log-likelihood"""
 PRICE_PICTURE_ONE, PRICE_PICTURE_TWO = 5.0, 25.0
 """More for every picture beyond the first"""
 ACCUSED = 15.0
 """Gain over `right` from which a picture is called wrong: with the price, odds of e^-25"""
-POOR = 3.0
-"""Mean squared misfit above which a hypothesis does not explain the picture"""
+LOOSE = (0.005, 0.01, 0.02, 0.05, 0.1, 0.3)
+"""How far, relative, the mean may be off where no hypothesis holds"""
+POWERS = (0.5, 2.0)
+"""Brightnesses that a scene of half or twice the power has, where the power is not known"""
+POWER_OR = ("area_halved", "light_twice")
+"""Mistakes that are no more than that"""
+KNOWN = 0.008
+"""A brightness as near as this, relative, to a known mistake's is that mistake"""
 PARTS = 6
 COARSE_GRID, FINE_GRID = 8, 12
 FINALISTS = 16
 SEEDS = 8
+MOST_MISTAKES = 4
 WEIGHTS_WITH_DOMAIN = ("std", "pdf_times_cos", "no_light_cosine", "no_receiver_cosine",
                        "cos_of_cos_receiver", "distance_not_squared", "distance_omitted")  # fmt: skip
 """What is tried together with samples that fall beside the light"""
@@ -60,10 +68,16 @@ class Diagnosis:
     right: Hypothesis
     """the best that holds no mistake: the right renderer, perhaps of another power"""
     best: Hypothesis
-    unknown: float
-    """score of "something, but nothing of the catalogue" """
-    misfit: float
-    """mean squared misfit of the best"""
+    loose: float
+    """relative error of the mean that the best leaves unexplained; 0: it explains the pictures"""
+    unexplained: float
+    """gain in score of saying so"""
+    sure: tuple[str, ...]
+    """of the best's mistakes, those without which it would be clearly worse"""
+    alike: tuple[tuple[str, ...], ...]
+    """other names that foretell the very same pictures"""
+    hidden: tuple[str, ...]
+    """mistakes that would not show in these pictures"""
     light: FreeLight | None = None
 
 
@@ -115,16 +129,18 @@ def _fit_like(
     return fit_grid(picture, scene)
 
 
-def diagnose(views: Sequence[View]) -> Diagnosis:
-    """Raises MissingProgramError."""
-    search = _Search(views)
+def diagnose(views: Sequence[View], power_known: bool = False) -> Diagnosis:
+    """power_known: the scene's power is what the program was given, so that a wrong brightness is a
+    fault. Raises MissingProgramError."""
+    search = _Search(views, power_known)
     search.coarse()
     return search.fine()
 
 
 class _Search:
-    def __init__(self, views: Sequence[View]) -> None:
-        self.views = list(views)
+    def __init__(self, views: Sequence[View], power_known: bool) -> None:
+        self.views, self.power_known = list(views), power_known
+        self.scenes = list({id(view.scene): view.scene for view in views}.values())
         self.many = any(view.picture.samples_per_pixel > 1 for view in views)
         parts: dict[int, View] = {}
         self.parts = []
@@ -138,9 +154,9 @@ class _Search:
 
     # -- scores
 
-    def score(self, views: list[View], variant: Variant) -> float:
+    def score(self, views: list[View], variant: Variant, loose: float = 0.0) -> float:
         total = sum(
-            share * view.loglik(variant, spared_noise=not variant.mistakes)
+            share * view.loglik(variant, spared_noise=not variant.mistakes, loose=loose)
             for share, view in zip(self.shares, views, strict=True)
         )
         return TEMPER * total - self.price(variant)
@@ -151,19 +167,34 @@ class _Search:
         if number == 1:
             price = PRICE_ONE + PRICE_PICTURE_ONE * more
         elif number:
-            price = PRICE_TWO + PRICE_PICTURE_TWO * more
+            price = PRICE_TWO + PRICE_PICTURE_TWO * more + PRICE_MORE * (number - 2)
         if variant.factor != 1:
-            price += PRICE_FACTOR if number else PRICE_ONE
+            cheap = not number or any(abs(variant.factor / p - 1) < KNOWN for p in POWERS)
+            price += PRICE_ONE if cheap and not self.power_known else PRICE_FACTOR
         return price
 
     def try_all(self, variants: Iterable[Variant]) -> None:
         for variant in variants:
-            if variant not in self.scored:
+            if variant not in self.scored and not self._is_power(variant):
                 self.scored[variant] = self.score(self.parts, variant)
 
+    def _is_power(self, variant: Variant) -> bool:
+        return not self.power_known and variant.scale in POWER_OR
+
     def with_factor(self, variant: Variant) -> Variant:
-        lead = self.parts[self.lead]
-        return replace(variant, factor=lead.best_factor(variant))
+        """With the brightness that fits best, unless a known mistake has that one."""
+        factor = self.parts[self.lead].best_factor(variant)
+        if any(abs(factor / known - 1) < KNOWN for known in self.known):
+            return variant
+        return replace(variant, factor=factor)
+
+    @property
+    def known(self) -> list[float]:
+        """The constant factors of the catalogue, for these pictures."""
+        light = self.views[0].scene.lights[surface_lights(self.views[0].scene)[0]]
+        n = self.views[self.lead].picture.nb_light_samples
+        own = [v for v in singles(self.scenes, self.many) if v.wrong and not self._is_power(v)]
+        return [k for v in own if (k := constant(v, light, n)) is not None and k > 0]
 
     @property
     def lead(self) -> int:
@@ -179,79 +210,102 @@ class _Search:
     # -- search
 
     def coarse(self) -> None:
-        scene = self.views[0].scene
         for view in {id(view.around): view for view in self.parts}.values():
-            view.prepare(every_key(scene))
-        ones = singles(scene, self.many)
+            view.prepare(every_key())
+        ones = singles(self.scenes, self.many)
         self.try_all([Variant(), *ones])
-        shapes = [v for v in ones if any(c.module in ("domain", "visibility", "weight") for c in v.wrong)]
+        shapes = [v for v in ones if v.domain != RIGHT or v.visibility != RIGHT or v.weight != RIGHT]
         shapes += [Variant(average=a) for a in ("n_no_effect", "running_half")]
         self.try_all(self.with_factor(v) for v in (Variant(), *shapes))
-        ordered = sorted(self.scored, key=self.scored.__getitem__, reverse=True)
+        ordered = self.ordered()
         seeds = list(dict.fromkeys(replace(v, factor=1.0) for v in ordered if v.mistakes))[:SEEDS]
-        if ordered[0].mistakes or self.misfit(self.parts, ordered[0]) > 1:
+        if ordered[0].mistakes or self.looseness(self.parts, ordered[0])[1] > 0:
             for seed in seeds:
-                self.try_all(pairs(seed, scene, self.many))
+                self.try_all(pairs(seed, self.scenes, self.many))
+        best = self.ordered()[0]
+        while len(best.mistakes) > 1 and self.looseness(self.parts, best)[1] > ACCUSED:
+            self.try_all(pairs(best, self.scenes, self.many))
+            better = self.ordered()[0]
+            if better == best or len(better.mistakes) > MOST_MISTAKES:
+                break
+            best = better
+
+    def ordered(self) -> list[Variant]:
+        return sorted(self.scored, key=self.scored.__getitem__, reverse=True)
+
+    def looseness(self, views: list[View], variant: Variant) -> tuple[float, float]:
+        """The relative error of its mean that fits best, and what saying so gains in score."""
+        own = self.score(views, variant)
+        gain, loose = max((self.score(views, variant, loose) - own, loose) for loose in LOOSE)
+        return (loose, gain) if gain > 0 else (0.0, gain)
 
     def fine(self) -> Diagnosis:
-        ordered = sorted(self.scored, key=self.scored.__getitem__, reverse=True)
+        ordered = self.ordered()
         best = self.scored[ordered[0]]
-        near = [v for v in ordered if self.scored[v] > best - 120 or not v.mistakes]
+        near = [v for v in ordered if self.scored[v] > best - 60]
         finalists = near[:FINALISTS]
-        finalists += [v for v in (Variant(), self.with_factor(Variant())) if v not in finalists]
-        for view in {id(view.around): view for view in self.views}.values():
-            view.prepare(keys_of(finalists))
-        found = [Hypothesis(v, self.score(self.views, v)) for v in finalists]
-        found.sort(key=lambda h: -h.score)
+        finalists += [v for v in (Variant(), *[v for v in ordered if not v.mistakes][:2]) if v not in finalists]
+        found = {v: self.score(self.views, v) for v in finalists}
+        top = max(found, key=found.__getitem__)
+        sure = []
+        for choice in top.wrong:
+            less = replace(top, **{choice.module: RIGHT})  # type: ignore[arg-type]
+            if less not in found:
+                found[less] = self.score(self.views, less)
+            if found[less] < found[top] - ACCUSED:
+                sure.append(choice.mistake)
+        hypotheses = sorted((Hypothesis(v, s) for v, s in found.items()), key=lambda h: -h.score)
         ranking: dict[tuple[Any, ...], Hypothesis] = {}
-        for hypothesis in found:
-            v = hypothesis.variant
-            ranking.setdefault((v.mistakes, bool(v.mistakes) and v.factor != 1), hypothesis)
-        right = max((h for h in found if not h.variant.mistakes), key=lambda h: h.score)
-        top = found[0]
+        for h in hypotheses:
+            named = (h.variant.mistakes, bool(h.variant.mistakes) and h.variant.factor != 1)
+            ranking.setdefault(named, h)
+        loose, unexplained = self.looseness(self.views, top)
         return Diagnosis(
             tuple(self.views),
             tuple(ranking.values()),
-            right,
-            top,
-            self.unknown(),
-            self.misfit(self.views, top.variant),
+            next(h for h in hypotheses if not h.variant.mistakes),
+            hypotheses[0],
+            loose,
+            unexplained,
+            tuple(dict.fromkeys(sure)),
+            self._alike(top),
+            self._hidden(top),
         )
 
-    def misfit(self, views: list[View], variant: Variant) -> float:
-        values = [view.statistics(view.predict(variant)).misfit for view in views]
-        return float(np.mean([np.minimum(v, 25).mean() for v in values]))
+    def _alike(self, top: Variant) -> tuple[tuple[str, ...], ...]:
+        """Names of those that foretell what the best one foretells."""
+        same = [
+            v
+            for v, score in self.scored.items()
+            if len(v.mistakes) == len(top.mistakes) and v.factor == top.factor
+            and v.mistakes != top.mistakes and abs(score - self.scored[top]) < 1
+            and self._apart(v, top) < 1
+        ] if top in self.scored else []  # fmt: skip
+        return tuple(dict.fromkeys(v.mistakes for v in same if v.mistakes))
 
-    def unknown(self) -> float:
-        """The score of a renderer of which only is known that it lights what is lit: its mean may
-        be off by a third, its noise by a factor."""
-        total = 0.0
-        for share, view in zip(self.shares, self.views, strict=True):
-            found = view.statistics(view.predict(Variant()))
-            wide = replace(
-                found,
-                residual_variance=found.residual_variance + (0.3 * found.mean + 0.03) ** 2,
-                noise_variance=found.noise_variance + 1.0,
-            )
-            total += share * float(view.loglik_of(wide).sum())
-        return TEMPER * total - PRICE_TWO - PRICE_PICTURE_TWO * (len(self.views) - 1)
+    def _hidden(self, top: Variant) -> tuple[str, ...]:
+        """Names, none of whose choices would show as an addition to the best one."""
+        shown: dict[str, bool] = {}
+        for variant in singles(self.scenes, True) if not top.mistakes else ():
+            for choice in variant.wrong:
+                seen = _usable(choice, self.scenes, self.many) and self._apart(variant, top) > (
+                    ACCUSED + PRICE_ONE
+                )
+                shown[choice.mistake] = shown.get(choice.mistake, False) or seen
+        return tuple(name for name, seen in shown.items() if not seen)
+
+    def _apart(self, a: Variant, b: Variant) -> float:
+        """How far, on average, the one's score is above the other's where it is the truth."""
+        return TEMPER * sum(
+            share * view.apart(a, b) * PARTS
+            for share, view in zip(self.shares, self.parts, strict=True)
+        )
 
 
 # ---------------------------------------------------------------- hypotheses
 
 
-def keys_of(variants: Iterable[Variant]) -> list[tuple[str, str, str]]:
-    """The moments that they need."""
-    keys: dict[tuple[str, str, str], None] = {}
-    for variant in variants:
-        keys[key_of(variant)] = None
-        ray, average = variant["visibility"], variant["average"]
-        if ray.field("target") or average.macro == SPLIT and average.arguments[0] in ("APART", "FIRST"):
-            keys[variant.domain, "none", variant.weight] = None
-    return list(keys)
-
-
-def every_key(scene: Scene) -> list[tuple[str, str, str]]:
+def every_key() -> list[tuple[str, str, str]]:
     """The moments that any pair of mistakes needs."""
     names = {m: [c.name for c in catalogue().of_module(m)] for m in ("domain", "visibility", "weight")}
     keys = [(RIGHT, ray, weight) for ray in names["visibility"] for weight in names["weight"]]
@@ -265,13 +319,13 @@ def every_key(scene: Scene) -> list[tuple[str, str, str]]:
     return keys
 
 
-def _usable(choice: Choice, scene: Scene, many: bool) -> bool:
+def _usable(choice: Choice, scenes: Sequence[Scene], many: bool) -> bool:
     """Whether it can differ from what is right in such pictures. many: some have several pixel
     samples, without which an early clamp is the output's clamp."""
     if choice.arguments == ("PIXEL",):
         return many
     if choice.module == "lights":
-        return len(surface_lights(scene)) > 1
+        return any(len(surface_lights(scene)) > 1 for scene in scenes)
     return True
 
 
@@ -282,26 +336,39 @@ def _widened(variant: Variant) -> list[Variant]:
     return [variant]
 
 
-def singles(scene: Scene, many: bool = True) -> list[Variant]:
+def singles(scenes: Sequence[Scene], many: bool = True) -> list[Variant]:
     """One choice of the catalogue each, sound ones included."""
     return [
         variant
         for choice in catalogue().choices.values()
-        if choice.name != RIGHT and _usable(choice, scene, many)
+        if choice.name != RIGHT and _usable(choice, scenes, many)
         for variant in _widened(Variant().replaced(choice))
     ]
 
 
-def pairs(variant: Variant, scene: Scene, many: bool = True) -> list[Variant]:
+def pairs(variant: Variant, scenes: Sequence[Scene], many: bool = True) -> list[Variant]:
     """With one mistake more, of another module."""
     return [
         widened
         for choice in catalogue().choices.values()
         if choice.mistake and getattr(variant, choice.module) in (RIGHT, "offset_0", "offset_0_01")
-        and _usable(choice, scene, many)
+        and _usable(choice, scenes, many)
         and _sensible(two := variant.replaced(choice))
         for widened in _widened(two)
     ]
+
+
+def constant(variant: Variant, light: Any, n: int) -> float | None:
+    """The factor by which a mistake changes all brightness, if that is all it does to the mean."""
+    if len(variant.wrong) != 1 or variant.wrong[0].module not in ("scale", "average"):
+        return None
+    scale = brightness(light, variant, n)
+    average = variant["average"]
+    if average.macro == SPLIT:
+        return None
+    drawn = np.arange(int(average.evaluate(0, n=float(n))), dtype=float)
+    weights = np.broadcast_to(np.asarray(average.evaluate(1, n=float(n), i=drawn), float), drawn.shape)
+    return scale * float(weights.sum())
 
 
 def _sensible(variant: Variant) -> bool:

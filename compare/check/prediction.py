@@ -86,7 +86,7 @@ def predict(
     for index, (light, moments, radiance) in enumerate(
         zip(lights, around.moments, around.radiance, strict=True)
     ):
-        factor = _factor(around.scene.lights[light], variant, n)
+        factor = brightness(around.scene.lights[light], variant, n)
         factor *= float(variant["lights"].evaluate(0, l=index, nl=len(lights), n=float(n)))
         gain = colour * radiance
         p, shaded, variance, fixed = _sample(moments, variant)
@@ -133,7 +133,7 @@ def predict(
     return Law(mean, var, variant["generator"].arguments[0])
 
 
-def _factor(light: object, variant: Variant, n: int) -> float:
+def brightness(light: object, variant: Variant, n: int) -> float:
     """The constant on every sample of a light."""
     area = float(light.area)  # type: ignore[attr-defined]
     norms = area

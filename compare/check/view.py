@@ -195,10 +195,17 @@ class View:
         jpeg = bool(self.picture.jpeg)
         return ((1.0 if jpeg else 0.25) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
 
-    def loglik(self, variant: Variant, spared_noise: bool = False) -> float:
+    def loglik(self, variant: Variant, spared_noise: bool = False, loose: float = 0.0) -> float:
         """Log-likelihood of the picture. spared_noise: noise that is lower than foretold by one
-        factor is a better sampler, no fault."""
+        factor is a better sampler, no fault. loose: relative error of the mean that is allowed."""
         found = self.statistics(self.predict(variant))
+        if loose:
+            found = replace(
+                found,
+                residual_variance=found.residual_variance
+                + (loose * found.mean) ** 2
+                + (loose / 30) ** 2,
+            )
         return float(self.loglik_of(found, spared_noise).sum())
 
     def loglik_of(self, found: Statistics, spared_noise: bool = False) -> np.ndarray:
@@ -217,6 +224,16 @@ class View:
                 0.0,
             )
         )
+
+    def apart(self, truth: Variant, other: Variant) -> float:
+        """Expected log-likelihood of truth above other's."""
+        one, two = (self.statistics(self.predict(v)) for v in (truth, other))
+        shift = (one.mean - two.mean) ** 2 / two.residual_variance
+        finite = np.isfinite(two.noise_variance)
+        floor, _ = self._tolerances()
+        louder = np.log((one.foretold_noise + floor) / (two.foretold_noise + floor)) ** 2
+        louder = np.where(finite, louder / np.where(finite, two.noise_variance, 1), 0)
+        return float((0.5 * (NU + 1) * (np.log1p(shift / NU) + np.log1p(louder / NU))).sum())
 
     def _spared(self, found: Statistics) -> np.ndarray:
         """Noise ratios less what they have in common, by kind of cell, where that is low."""
