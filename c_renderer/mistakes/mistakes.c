@@ -311,6 +311,28 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
     }
 }
 
+void mistakes_places(const Scene *scene, int light, const Receivers *receivers, const double *s,
+                     const double *t, int nb_places, float *first)
+{
+    const Light *it = &scene->lights[light];
+    const ShadowRay *ray = &CHOICES[mistakes_choice(MODULE_VISIBILITY, "std")].ray;
+    const Choice *weight = &CHOICES[mistakes_choice(MODULE_WEIGHT, "std")];
+    const long n = receivers->n;
+#pragma omp parallel for schedule(dynamic, 64)
+    for (int i = 0; i < n; i++) {
+        Samples samples;
+        double seen, w;
+        Vec3 point = row(receivers->point, i), normal = row(receivers->normal, i);
+        for (int j = 0; j < nb_places; j++) {
+            samples_make(&samples, it, point, normal, 1, &s[j], &t[j]);
+            rays_see(scene, ray, point, normal, receivers->object[i], 1, samples.x, samples.y,
+                     samples.z, samples.d, &seen);
+            weight->factors(1, samples.raw, samples.cl, samples.d, &w);
+            first[j * n + i] = (float)(light_area(it) * w * seen);
+        }
+    }
+}
+
 /* ---------------------------------------------------------------- what a mistake does */
 
 typedef struct {

@@ -61,6 +61,11 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
                       const int *rays, int nb_rays, const int *weights, int nb_weights, int grid,
                       float *chance, float *first, float *second);
 
+/* What one place (s, t) of a light brings, of the light's whole power: into first[place][receiver],
+ * as in mistakes_moments, of the right ray and weight. */
+void mistakes_places(const Scene *scene, int light, const Receivers *receivers, const double *s,
+                     const double *t, int nb_places, float *first);
+
 typedef struct {
     int choice[NB_MODULES];
     double factor;         /* on every sample */

@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import nnls
 
 from compare.check.catalogue import RIGHT, SPLIT, Choice, Variant, catalogue
 from compare.check.grid import Grid, fit_grid
 from compare.check.picture import Picture
 from compare.check.prediction import brightness, one_place, surface_lights
 from compare.check.view import View
-from compare.scene import Scene
+from compare.scene import QuadLight, Scene
 
 TEMPER = 0.5
 """Cells are not quite independent of each other: what a log-likelihood counts"""
@@ -46,6 +47,8 @@ COARSE_GRID, FINE_GRID = 8, 12
 FINALISTS = 16
 SEEDS = 8
 MOST_MISTAKES = 4
+PLACES = np.arange(-1.5, 2.51, 0.25)
+"""Of a free light: shares of the edges"""
 WEIGHTS_WITH_DOMAIN = ("std", "pdf_times_cos", "no_light_cosine", "no_receiver_cosine",
                        "cos_of_cos_receiver", "distance_not_squared", "distance_omitted")  # fmt: skip
 """What is tried together with samples that fall beside the light"""
@@ -260,6 +263,7 @@ class _Search:
             named = (h.variant.mistakes, bool(h.variant.mistakes) and h.variant.factor != 1)
             ranking.setdefault(named, h)
         loose, unexplained = self.looseness(self.views, top)
+        light = self.free_light() if unexplained > 0 else None
         return Diagnosis(
             tuple(self.views),
             tuple(ranking.values()),
@@ -270,6 +274,34 @@ class _Search:
             tuple(dict.fromkeys(sure)),
             self._alike(top),
             self._hidden(top),
+            light,
+        )
+
+    def free_light(self) -> FreeLight | None:
+        """Where a light seems to be whose samples are none of the catalogue's: weights of points in
+        its plane that explain the mean. None where there are several lights, or it is no quad."""
+        view = self.views[self.lead]
+        lights = surface_lights(view.scene)
+        light = view.scene.lights[lights[0]]
+        if len(lights) > 1 or not isinstance(light, QuadLight):
+            return None
+        s, t = (a.ravel() for a in np.meshgrid(PLACES, PLACES))
+        gain = view.around.flat_colour * view.around.radiance[0]
+        places = view.around.moments[0].places(s, t) * gain
+        cells = np.stack([view.mean(np.minimum(row, 1e6)) for row in places], axis=1)
+        found = view.statistics(view.predict(Variant()))
+        seen = view.mean(view.value)
+        variance = found.noise / view.count + (0.004 * seen) ** 2 + (0.25 / 255) ** 2
+        use = (seen < 0.93) & (view.count >= 8)
+        if use.sum() < 50:
+            return None
+        sd = np.sqrt(variance[use])
+        weights, _ = nnls(cells[use] / sd[:, None], seen[use] / sd)
+        misfit = np.minimum(((cells[use] @ weights - seen[use]) / sd) ** 2, 25).mean()
+        inside = (np.abs(s - 0.5) <= 0.65) & (np.abs(t - 0.5) <= 0.65)
+        total = max(float(weights.sum()), 1e-9)
+        return FreeLight(
+            float(misfit), np.stack([s, t], axis=1), weights, float(weights[inside].sum() / total)
         )
 
     def _alike(self, top: Variant) -> tuple[tuple[str, ...], ...]:
@@ -385,6 +417,8 @@ def _sensible(variant: Variant) -> bool:
             or variant.clamp == "per_light_sample" or variant.generator != RIGHT
         ):
             return False
+    if variant.generator != RIGHT and variant.domain != RIGHT:
+        return False
     if variant.scale == "normal_reversed":
         return len(variant.wrong) == 1
     return True

@@ -107,21 +107,38 @@ class Moments:
         part._table = {key: values[:, which] for key, values in self._table.items()}
         return part
 
+    def places(self, s: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """(k, n) float32 [sr]: what each of k places of the light would bring, were all of its
+        power there."""
+        ffi, library = opened()
+        receivers, _keep = self._receivers()
+        first = np.empty((len(s), len(self._sites)), np.float32)
+        scene, _ = scene_of_c(self._scene_file)
+        s, t = np.ascontiguousarray(s, dtype=float), np.ascontiguousarray(t, dtype=float)
+        library.mistakes_places(
+            *(scene, self._light, receivers),
+            *(ffi.from_buffer("double[]", s), ffi.from_buffer("double[]", t), len(s)),
+            ffi.from_buffer("float[]", first),
+        )
+        return first
+
+    def _receivers(self) -> tuple[Any, Any]:
+        """C's, and what must outlive them."""
+        ffi, _ = opened()
+        at = self._sites
+        arrays = [
+            np.ascontiguousarray(a, dtype=np.float64)
+            for a in (at.receivers.point, at.receivers.normal, at.right, at.down)
+        ]
+        objects = np.ascontiguousarray(at.receivers.object_id, dtype=np.int32)
+        buffers = [ffi.from_buffer("double[]", a) for a in arrays]
+        buffers.append(ffi.from_buffer("int[]", objects))
+        return ffi.new("Receivers *", [len(at), *buffers]), (arrays, objects, buffers)
+
     def _compute(self, domain: str, rays: list[str], weights: list[str]) -> None:
         ffi, library = opened()
         n = len(self._sites)
-        arrays = [
-            np.ascontiguousarray(a, dtype=np.float64)
-            for a in (
-                self._sites.receivers.point,
-                self._sites.receivers.normal,
-                self._sites.right,
-                self._sites.down,
-            )
-        ]
-        objects = np.ascontiguousarray(self._sites.receivers.object_id, dtype=np.int32)
-        receivers = ffi.new("Receivers *", [n, *[ffi.from_buffer("double[]", a) for a in arrays],
-                                            ffi.from_buffer("int[]", objects)])  # fmt: skip
+        receivers, _keep = self._receivers()
         chance = np.empty((len(rays), n), np.float32)
         first = np.empty((len(rays), len(weights), n), np.float32)
         second = np.empty_like(first)
