@@ -116,9 +116,12 @@ def fit_grid(picture: Picture, scene: Scene) -> tuple[Grid, int]:
     outline = _Outline.of(picture, scene)
     if outline.length == 0:
         return replace(grid, jittered=several), 0
-    frayed = several or outline.frayed > (0.05 if picture.jpeg == "coarse" else 0.008)
+    frayed = several or outline.frayed > (0.08 if picture.jpeg == "coarse" else 0.008)
     # a random place is the centre on average
     places = PLACES[:2] if several or (frayed and picture.jpeg != "coarse") else PLACES
+    shifted, shifted_cost = outline.shifted(*outline.placed(grid, places), places)
+    if shifted_cost < outline.tolerable:
+        return replace(shifted, jittered=frayed), shifted_cost
     grid, cost = outline.fit(grid, places)
     if abs(grid.fov_y_deg - scene.camera.fov_y_deg) > 1:
         # a camera elsewhere with the scene's own field of view is the likelier of the two
@@ -129,7 +132,7 @@ def fit_grid(picture: Picture, scene: Scene) -> tuple[Grid, int]:
                 grid, cost = other, its_cost
     if cost > 0.3 * outline.length:
         grid, cost = _other_camera(outline, grid, cost, scene, places)
-    if cost > outline.tolerable:
+    if cost > 0.15 * outline.length:
         grid, cost = outline.shifted(grid, cost, places)
     return replace(grid, jittered=frayed), cost
 
@@ -320,16 +323,16 @@ class _Outline:
         self, grid: Grid, cost: int, places: tuple[tuple[float, int], ...]
     ) -> tuple[Grid, int]:
         """Shifts of up to two pixels, if one explains the outline clearly better."""
+        if cost < self.tolerable:
+            return grid, cost
         steps = (-2.0, -1.0, 0.0, 1.0, 2.0)
-        own = replace(grid, fov_y_deg=self.scene.camera.fov_y_deg)
         choices = [
-            replace(start, position=0.5, divisor=0, cut=cut, shift_x=x, shift_y=y)
-            for start in (own, grid)
+            replace(grid, position=0.5, divisor=0, cut=cut, shift_x=x, shift_y=y)
             for cut in (self.scene.ray_max_distance, 5e4)
             for x in steps
             for y in steps
         ]
-        choices = sorted(choices, key=self.sampled)[:4]
+        choices = sorted(choices, key=self.sampled)[:3]
         results = [self.placed(choice, places) for choice in choices]
         best, its_cost = min(results, key=lambda result: result[1])
         return (best, its_cost) if its_cost < 0.6 * cost else (grid, cost)
