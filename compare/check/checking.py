@@ -1,0 +1,88 @@
+"""Pictures in, a verdict out: `penumbra check` and whoever grades with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from compare.check.diagnosis import Diagnosis, diagnose, look
+from compare.check.grid import Grid
+from compare.check.picture import counts_in_name, read_picture
+from compare.check.prediction import surface_lights
+from compare.check.verdict import Verdict, observations, verdict
+from compare.measure.image import ImageError
+from compare.run.provenance import origin
+from compare.scene import read_scene
+
+
+class CheckError(ValueError):
+    """Pictures that cannot be checked; the text says why."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    verdict: Verdict
+    diagnosis: Diagnosis
+    grids: tuple[tuple[Grid, int], ...]
+    scene_file: Path
+
+
+def check(
+    files: Sequence[Path],
+    scene_file: Path,
+    light_samples: int | None = None,
+    pixel_samples: int | None = None,
+) -> Checked:
+    """Check pictures of one scene by one renderer.
+
+    light_samples, pixel_samples: of all of them; None: as their names say (n016_aa01.png), 1 pixel
+    sample where they do not. Raises CheckError, ImageError, SceneError, MissingProgramError.
+    """
+    scene = read_scene(scene_file)
+    if not surface_lights(scene):
+        raise CheckError(f"{scene_file}: has no area light: there is nothing to sample")
+    if scene.point_lights:
+        raise CheckError(f"{scene_file}: has a point light: only area lights can be checked")
+    pictures = []
+    for file in files:
+        n, m = counts_in_name(file)
+        n, m = light_samples or n, pixel_samples or m or 1
+        if n is None:
+            raise CheckError(
+                f"{file}: its name does not say how many light samples it has: give --light-samples N"
+            )
+        pictures.append(read_picture(file, scene, n, m))
+    views, grids = look(pictures, scene, scene_file)
+    for file, view in zip(files, views, strict=True):
+        if len(view.count) < 20:
+            raise ImageError(f"{file}: too small to tell anything: fewer than 20 cells of 8x8 pixels")
+    diagnosis = diagnose(views)
+    return Checked(verdict(diagnosis, grids, scene_file), diagnosis, tuple(grids), scene_file)
+
+
+def verdict_json(checked: Checked, hint: int = 3) -> dict[str, Any]:
+    """All of it, for machines; less of it with a lower hint."""
+    found = checked.verdict
+    whole = asdict(found)
+    whole["variant"] = {k: v for k, v in whole["variant"].items() if v not in ("std", 1.0)}
+    whole["observed"] = observations(found)
+    whole["pictures"] = [
+        {
+            "name": view.picture.name,
+            "light_samples": view.picture.nb_light_samples,
+            "pixel_samples": view.picture.samples_per_pixel,
+            "law": view.picture.law,
+            "grid": asdict(view.grid),
+            "unexplained_outline": miss,
+        }
+        for view, (_, miss) in zip(checked.diagnosis.views, checked.grids, strict=True)
+    ]
+    whole["origin"] = origin()
+    if hint < 3:
+        keep = ["verdict", "confidence", "facts", "settle", "pictures", "origin"]
+        keep += ["observed"] if hint > 0 else []
+        keep += ["mistakes", "perhaps", "several", "regions"] if hint > 1 else []
+        whole = {key: whole[key] for key in keep}
+    return whole

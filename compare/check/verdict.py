@@ -1,0 +1,512 @@
+"""The word that a student gets: right, wrong or cannot tell, why, and what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compare.check.catalogue import RIGHT, Mistake, Variant, catalogue
+from compare.check.diagnosis import ACCUSED, PRICE_ONE, TEMPER, Diagnosis
+from compare.check.grid import Grid
+from compare.check.view import NU, View
+from compare.check.words import WORDS
+
+RIGHT_, WRONG, CANNOT_TELL = "right", "wrong", "cannot tell"
+UNKNOWN = "unknown"
+"""The name of what is wrong in no way of the catalogue"""
+STRANGE = 0.3
+"""Unexplained pixels per pixel of outline from which a picture shows another scene"""
+BLIND = 0.1
+"""A check that would miss a brightness off by so much says nothing"""
+WELL = 0.4
+"""A free light explains a picture if it leaves so little of the misfit"""
+NEAR = 0.02
+"""Brightness that no mistake explains, within which a picture may still be right"""
+REGIONS = ("lit", "penumbra", "shadow")
+FEW = 60
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the picture against what is right."""
+
+    name: str
+    """in words"""
+    kind: str
+    """of REGIONS"""
+    ratio: float
+    """observed over right; of a shadow observed [0, 1]"""
+    standard_error: float
+    noise: float
+    """observed variance within cells over what N samples have; 0: not known"""
+    trend: float
+    """how the ratio goes with the distance from the light: its slope against log distance"""
+    pixels: int
+
+
+@dataclass(frozen=True)
+class Verdict:
+    verdict: str
+    """right, wrong, cannot tell"""
+    confidence: float
+    """posterior odds' share of the hypotheses behind it, at even odds before"""
+    mistakes: tuple[str, ...]
+    """names it is sure of, the gravest first; "unknown" for what the catalogue does not hold"""
+    perhaps: tuple[str, ...]
+    """further ones that would explain a little more"""
+    several: bool
+    alike: tuple[tuple[str, ...], ...]
+    """what these pictures cannot tell from the mistakes"""
+    facts: tuple[tuple[str, str], ...]
+    """(code, text): of the picture, no faults of the light"""
+    regions: tuple[Region, ...]
+    effective_samples: float
+    """the number of light samples that its noise is that of"""
+    detectable_brightness: float
+    """relative: the smallest error that it would have shown"""
+    detectable_samples: float
+    """the largest number of light samples, below N, whose noise it would have told from N's"""
+    runners_up: tuple[tuple[tuple[str, ...], float], ...]
+    """(names, odds against)"""
+    hidden: tuple[str, ...]
+    """mistakes that would not show in these pictures"""
+    settle: tuple[str, ...]
+    """what would settle it, or show more"""
+    loose: float
+    """relative error that nothing explains"""
+    variant: Variant
+    """the renderer that explains the pictures best"""
+    scene: str
+    command: str
+    nb_light_samples: int
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+
+def verdict(
+    diagnosis: Diagnosis,
+    grids: Sequence[tuple[Grid, int]],
+    scene_file: Path,
+    power_known: bool = False,
+) -> Verdict:
+    """grids: of the pictures, with how many pixels of outline each leaves unexplained."""
+    lead = min(
+        diagnosis.views,
+        key=lambda v: (v.picture.samples_per_pixel > 1, abs(math.log2(v.picture.nb_light_samples) - 4)),
+    )
+    regions = tuple(_regions(lead, Variant(factor=diagnosis.best.variant.factor
+                                           if not diagnosis.best.variant.mistakes else 1.0)))  # fmt: skip
+    top = diagnosis.best.variant
+    strange = _strange(lead, grids)
+    brightness, samples = detectable(lead, diagnosis.right.variant)
+    n = lead.picture.nb_light_samples
+    word, names, perhaps, several = _decide(diagnosis, lead, strange, brightness, power_known)
+    facts = _facts(diagnosis, lead, grids, strange, word, scene_file)
+    effective = _effective(lead, diagnosis)
+    hidden = diagnosis.hidden if word == RIGHT_ else ()
+    return Verdict(
+        word,
+        _confidence(diagnosis, word),
+        names,
+        perhaps,
+        several,
+        diagnosis.alike if word == WRONG and UNKNOWN not in names else (),
+        facts,
+        regions,
+        effective,
+        brightness,
+        samples * n,
+        _runners_up(diagnosis),
+        hidden,
+        _settle(word, lead, diagnosis, strange, brightness, hidden, scene_file),
+        diagnosis.loose,
+        top,
+        lead.scene.name,
+        f"penumbra exact {scene_file} -o exact.exr && penumbra png exact.exr -o exact.png",
+        n,
+    )
+
+
+def _decide(
+    diagnosis: Diagnosis, lead: View, strange: bool, brightness: float, power_known: bool
+) -> tuple[str, tuple[str, ...], tuple[str, ...], bool]:
+    """verdict, sure names, perhaps, several"""
+    top = diagnosis.best.variant
+    gain = diagnosis.best.score - diagnosis.right.score
+    coarse = lead.picture.jpeg == "coarse"
+    unexplained = diagnosis.unexplained > ACCUSED
+    named = bool(top.mistakes) and gain > ACCUSED
+    light = diagnosis.light
+    if strange and not (named and not unexplained):
+        return CANNOT_TELL, (), (), False
+    if unexplained:
+        if light is not None and light.misfit < 3 and light.misfit < WELL * max(_misfit(lead, top), 1e-9):
+            quiet = [r.noise for r in _regions(lead, Variant()) if r.noise > 0]
+            name = "quad_parametrisation_wrong"
+            if light.inside > 0.95 and max(quiet, default=1.0) < 0.3:
+                name = "same_samples_everywhere"
+            return WRONG, (name,), (), False
+        if coarse:
+            return CANNOT_TELL, (), (), False
+        if named and len(diagnosis.sure) > 1:
+            return WRONG, (*diagnosis.sure, UNKNOWN), _rest(diagnosis), True
+        if named:
+            return WRONG, (UNKNOWN,), top.mistakes, False
+        if diagnosis.loose >= NEAR and not coarse:
+            return WRONG, (UNKNOWN,), (), False
+        return CANNOT_TELL, (), (), False
+    if named:
+        sure = diagnosis.sure or top.mistakes
+        return WRONG, sure, _rest(diagnosis) if diagnosis.sure else (), len(sure) > 2
+    if brightness > BLIND:
+        return CANNOT_TELL, (), (), False
+    factor = diagnosis.right.variant.factor
+    if factor != 1 and (power_known or not _plausible_power(lead, factor)):
+        return (WRONG, (UNKNOWN,), (), False) if power_known else (CANNOT_TELL, (), (), False)
+    return RIGHT_, (), (), False
+
+
+def _rest(diagnosis: Diagnosis) -> tuple[str, ...]:
+    return tuple(name for name in diagnosis.best.variant.mistakes if name not in diagnosis.sure)
+
+
+def _plausible_power(lead: View, factor: float) -> bool:
+    """Whether somebody would type such a power: a number of one or two digits, but for the fit's
+    own error."""
+    light = lead.scene.lights[0]
+    power = max(light.radiance) * factor  # type: ignore[union-attr]
+    digits = 10 ** (math.floor(math.log10(power)) - 1)
+    return abs(power / digits - round(power / digits)) * digits < 0.006 * power
+
+
+def _misfit(view: View, variant: Variant) -> float:
+    return float(np.minimum(view.statistics(view.predict(variant)).misfit, 25).mean())
+
+
+def _strange(lead: View, grids: Sequence[tuple[Grid, int]]) -> bool:
+    """Whether the picture's outline is not the scene's."""
+    background = lead.picture.background
+    edge = np.count_nonzero(background[1:] != background[:-1])
+    edge += np.count_nonzero(background[:, 1:] != background[:, :-1])
+    miss = min(miss for _, miss in grids)
+    return miss > STRANGE * max(edge, 1) + 20
+
+
+def detectable(view: View, variant: Variant) -> tuple[float, float]:
+    """The relative error of the mean, and the share of the light samples, whose expected gain is
+    just what an accusation takes."""
+    found = view.statistics(view.predict(variant))
+    wanted = (ACCUSED + PRICE_ONE) / TEMPER
+
+    def gain(delta: float) -> float:
+        shift = (delta * found.mean) ** 2 * (found.mean < 0.95) / found.residual_variance
+        return float((0.5 * (NU + 1) * np.log1p(shift / NU)).sum())
+
+    def gain_of_noise(ratio: float) -> float:
+        loud = found.foretold_noise > 4 * max(view.picture.quantisation_variance, 1e-9)
+        spread = np.where(loud, math.log(ratio) ** 2 / found.noise_variance, 0.0)
+        return float((0.5 * (NU + 1) * np.log1p(spread / NU)).sum())
+
+    def smallest(function: Any, low: float, high: float) -> float:
+        if function(high) < wanted:
+            return high
+        for _ in range(40):
+            middle = math.sqrt(low * high)
+            low, high = (low, middle) if function(middle) > wanted else (middle, high)
+        return high
+
+    return smallest(gain, 1e-5, 1.0), 1 / smallest(gain_of_noise, 1.0001, 1e4)
+
+
+def _regions(view: View, right: Variant) -> list[Region]:
+    """Each object's lit part, penumbra and shadow."""
+    law = view.predict(right)
+    chance = np.ones(len(view.row))
+    dark = np.ones(len(view.row), dtype=bool)
+    whole = np.ones(len(view.row), dtype=bool)
+    for moments in view.around.moments:
+        p, first, _ = moments[RIGHT, RIGHT, RIGHT]
+        chance = np.minimum(chance, p)
+        dark &= (p < 0.001) | (first <= 0)
+        whole &= p > 0.999
+    light = view.scene.lights[0]
+    middle = np.asarray(getattr(light, "corner", getattr(light, "center", (0, 0, 0))), float)
+    distance = np.linalg.norm(view.sites.receivers.point - middle, axis=1)
+    found = []
+    for i, thing in enumerate(view.scene.objects):
+        on = view.object_id == i
+        kinds = {"lit": whole & ~dark, "penumbra": ~whole & ~dark, "shadow": dark}
+        for kind, mask in kinds.items():
+            use = on & mask
+            if kind != "shadow":
+                use = use & (law.mean > 0.02) & (law.mean < 0.93)
+            if use.sum() < FEW:
+                continue
+            name = WORDS[f"region_{kind}"].format(object=thing.name)
+            x, mean = view.value[use], law.mean[use]
+            variance = law.variance[use] + view.picture.quantisation_variance
+            if kind == "shadow":
+                found.append(Region(name, kind, float(x.mean()), 0.0, 0.0, 0.0, int(use.sum())))
+                continue
+            ratio = float(x.sum() / mean.sum())
+            error = math.sqrt(float(variance.sum())) / float(mean.sum())
+            trend = 0.0
+            far = np.log(distance[use])
+            if np.ptp(far) > 0.2 and ratio > 0:
+                each = np.clip(x / mean, 0, 10)
+                trend = float(np.polyfit(far, each, 1, w=np.sqrt(mean))[0]) / ratio
+            found.append(
+                Region(name, kind, ratio, error, _noise(view, use, x - mean, variance), trend,
+                       int(use.sum()))
+            )  # fmt: skip
+    return found
+
+
+def _noise(view: View, use: np.ndarray, residual: np.ndarray, variance: np.ndarray) -> float:
+    """Observed over foretold variance within cells; 0 where there is none to speak of."""
+    cell = view.cell[use]
+    count = np.bincount(cell).astype(float)
+    full = count >= 6
+    if not full.any() or variance.mean() < 4 * view.picture.quantisation_variance:
+        return 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.bincount(cell, residual) / count
+        within = (np.bincount(cell, residual**2) / count - mean**2) * count / (count - 1)
+        foretold = np.bincount(cell, variance) / count
+    return float(within[full].sum() / foretold[full].sum())
+
+
+def _effective(lead: View, diagnosis: Diagnosis) -> float:
+    """The number of light samples that the noise is that of, by the loudest region."""
+    n = lead.picture.nb_light_samples
+    factor = diagnosis.best.variant.factor if not diagnosis.best.variant.mistakes else 1.0
+    regions = _regions(lead, Variant(factor=factor))
+    found = [
+        n * r.ratio**2 / r.noise for r in regions if r.kind == "penumbra" and r.noise > 0 and r.ratio > 0
+    ]
+    return float(np.median(found)) if found else float(n)
+
+
+def _confidence(diagnosis: Diagnosis, word: str) -> float:
+    """Of the hypotheses that were compared, the share of those that say the same word."""
+    best = diagnosis.best.score
+    same = other = 0.0
+    for hypothesis in diagnosis.ranking:
+        weight = math.exp(max(hypothesis.score - best, -700))
+        if bool(hypothesis.variant.mistakes) == (word == WRONG):
+            same += weight
+        else:
+            other += weight
+    loose = math.exp(min(diagnosis.unexplained, 700)) if diagnosis.unexplained > -700 else 0.0
+    if word == WRONG:
+        same += loose
+    else:
+        other += loose
+    if word == CANNOT_TELL:
+        return 0.5
+    return same / (same + other)
+
+
+def _runners_up(diagnosis: Diagnosis) -> tuple[tuple[tuple[str, ...], float], ...]:
+    best = diagnosis.best
+    found = []
+    for h in diagnosis.ranking:
+        if h is not best and h.variant.mistakes != best.variant.mistakes:
+            found.append((h.variant.mistakes, math.exp(min(best.score - h.score, 700))))
+    return tuple(dict(reversed(found)).items())[::-1][:3] if found else ()
+
+
+def _facts(
+    diagnosis: Diagnosis,
+    lead: View,
+    grids: Sequence[tuple[Grid, int]],
+    strange: bool,
+    word: str,
+    scene_file: Path,
+) -> tuple[tuple[str, str], ...]:
+    facts: dict[str, str] = {}
+    for (grid, miss), view in zip(grids, diagnosis.views, strict=True):
+        for code, text in (*grid.facts(view.scene), *view.picture.facts):
+            facts.setdefault(code, text)
+        if strange:
+            facts.setdefault("geometry", WORDS["geometry"].format(miss=miss))
+        if view.picture.jpeg:
+            facts.setdefault("jpeg", WORDS["jpeg"])
+    shown = diagnosis.right.variant if word == RIGHT_ else diagnosis.best.variant
+    if shown.factor != 1 and word != CANNOT_TELL:
+        lights = [light for light in lead.scene.lights if hasattr(light, "radiance")]
+        if len(lights) == 1:
+            stated = max(lights[0].radiance)
+            power = stated * shown.factor
+            close = float(f"{power:.2g}")
+            power = close if abs(power / close - 1) < 0.006 else power
+            facts["power"] = WORDS["power"].format(power=power, stated=stated)
+        else:
+            facts["power"] = WORDS["power_several"].format(factor=shown.factor)
+    if word == RIGHT_:
+        n = lead.picture.nb_light_samples
+        times = _effective(lead, diagnosis) / n
+        if times > 1.5:
+            facts["better_sampler"] = WORDS["better_sampler"].format(times=times)
+    clipped = (lead.value >= 1).mean()
+    if clipped > 0.05:
+        facts["saturated"] = WORDS["saturated"].format(share=clipped)
+    return tuple(facts.items())
+
+
+def _settle(
+    word: str,
+    lead: View,
+    diagnosis: Diagnosis,
+    strange: bool,
+    brightness: float,
+    hidden: tuple[str, ...],
+    scene_file: Path,
+) -> tuple[str, ...]:
+    said = []
+    if strange:
+        said.append(WORDS["settle_camera"].format(scene=scene_file))
+    if word == CANNOT_TELL and lead.picture.jpeg:
+        said.append(WORDS["settle_png"])
+    if word == CANNOT_TELL and brightness > BLIND:
+        said.append(WORDS["settle_size"])
+    if max(view.picture.nb_light_samples for view in diagnosis.views) < 16:
+        said.append(WORDS["settle_n"])
+    for scene, shows in SHOWN_BY.items():
+        if any(name in hidden for name in shows):
+            said.append(WORDS["settle_scene"].format(scene=scene))
+    return tuple(said)
+
+
+SHOWN_BY = {
+    "tp3_sheared.json": ("area_by_norms",),
+    "tp3_two_lights.json": (
+        "divided_inside_light_loop",
+        "averaged_over_lights",
+        "only_one_light",
+        "flat_colour_squared",
+        "flat_colour_missing",
+    ),
+}
+"""Scenes that show what the lab's does not"""
+
+
+# ---------------------------------------------------------------- in words
+
+
+def explained(name: str) -> Mistake:
+    return catalogue().mistakes[name]
+
+
+def title(name: str) -> str:
+    """What a mistake is called to a student."""
+    return explained(name).title if name != UNKNOWN else UNKNOWN
+
+
+def titles(names: Sequence[str]) -> str:
+    return " + ".join(title(name) for name in names) or "no mistake"
+
+
+def observations(found: Verdict) -> list[str]:
+    """What the picture shows, in the student's terms: the parts that are off, the worst first."""
+    said: list[tuple[float, str]] = []
+    for region in found.regions:
+        if region.kind == "shadow":
+            if region.ratio > 1.5 / 255:
+                text = WORDS["region_not_black"].format(region=region.name, value=255 * region.ratio)
+                said.append((region.ratio * 10, text))
+            continue
+        off = abs(region.ratio - 1)
+        if off > max(4 * region.standard_error, 0.006):
+            key = "region_bright" if region.ratio > 1 else "region_dark"
+            text = WORDS[key].format(region=region.name, ratio=region.ratio)
+            if abs(region.trend) > 0.1 and off > 0.03:
+                grows = (region.trend > 0) == (region.ratio > 1)
+                text += WORDS["farther_more" if grows else "farther_less"]
+            said.append((off, text))
+    n, effective = found.nb_light_samples, found.effective_samples
+    if effective < 0.7 * n and n > 1:
+        said.append((1.0, WORDS["noise_of"].format(n=n, effective=max(effective, 1))))
+    return [text for _, text in sorted(said, key=lambda s: -s[0])[:4]]
+
+
+def text(found: Verdict, hint: int = 3) -> str:
+    """The verdict for a terminal. hint: 0 verdict, 1 where to look, 2 the handout's step and the
+    mistake's name, 3 the formula and the evidence."""
+    lines = [WORDS[found.verdict]]
+    if found.verdict != CANNOT_TELL:
+        share = found.confidence
+        shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
+        lines[0] += f" ({WORDS['confidence'].format(confidence=shown)})"
+    if hint == 0:
+        return "\n".join(lines) + "\n"
+    seen = observations(found)
+    if found.verdict == WRONG:
+        if hint == 1:
+            what = "hint_noise" if _noise_only(found) else "hint_mean"
+            lines += ["", WORDS["hint"].format(where=WORDS[what])]
+            lines += [f"  {step}" for step in dict.fromkeys(
+                explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
+        else:
+            lines += _explanation(found, hint, seen)
+    elif seen and found.verdict == CANNOT_TELL:
+        lines += ["", WORDS["observed"], *(f"  {line}" for line in seen)]
+    if found.facts:
+        lines += ["", WORDS["picture"], *(f"  {said}" for _, said in found.facts)]
+    if found.verdict == RIGHT_:
+        lines += ["", _detectable(found)]
+        if found.hidden and hint >= 2:
+            lines.append(WORDS["hidden"].format(mistakes="; ".join(title(n) for n in found.hidden)))
+    if found.settle:
+        lines += ["", WORDS["settle"].format(what="; or ".join(found.settle))]
+    return "\n".join(lines) + "\n"
+
+
+def _noise_only(found: Verdict) -> bool:
+    return all(abs(r.ratio - 1) < 0.01 for r in found.regions if r.kind == "lit")
+
+
+def _detectable(found: Verdict) -> str:
+    brightness = f"{100 * found.detectable_brightness:.2g}%"
+    if found.nb_light_samples == 1 or found.detectable_samples < 1:
+        return WORDS["detectable_mean"].format(brightness=brightness)
+    return WORDS["detectable"].format(
+        brightness=brightness,
+        samples=math.ceil(found.detectable_samples),
+        n=found.nb_light_samples,
+    )
+
+
+def _explanation(found: Verdict, hint: int, seen: list[str]) -> list[str]:
+    lines = ["", WORDS["observed"], *(f"  {line}" for line in seen)] if seen else []
+    lines += ["", WORDS["several" if found.several else "cause"]]
+    for name in found.mistakes:
+        if name == UNKNOWN:
+            lines.append("  " + WORDS["unknown"].format(loose=found.loose))
+            if found.perhaps and not found.several:
+                lines.append("  " + WORDS["nearest"].format(title=titles(found.perhaps)))
+            continue
+        mistake = explained(name)
+        lines += [f"  {mistake.title}", f"    {mistake.cause}"]
+        if hint >= 3:
+            lines += [
+                f"    {WORDS['yours']} {mistake.wrong}",
+                f"    {WORDS['ours']} {mistake.right}",
+            ]
+        lines.append(f"    {WORDS['reread'].format(step=mistake.step)}")
+        if hint >= 3:
+            lines.append(f"    {WORDS['look'].format(look=mistake.look)}")
+    if hint >= 3:
+        if found.alike:
+            lines += ["", WORDS["alike"].format(titles="; ".join(titles(a) for a in found.alike))]
+        if found.runners_up and UNKNOWN not in found.mistakes:
+            lines += ["", WORDS["runners"]]
+            for names, odds in found.runners_up:
+                shown = f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
+                lines.append("  " + WORDS["odds"].format(odds=shown, titles=titles(names)))
+        lines += ["", WORDS["command"].format(command=found.command)]
+    return lines
