@@ -173,32 +173,39 @@ static void rays_see(const Scene *scene, const ShadowRay *ray, Vec3 point, Vec3 
         seen[j] = 1;
     if (ray->ignored)
         return;
+    const double start = ray->start, length = ray->length;
     for (int k = 0; k < scene->nb_spheres; k++) {
         Vec3 c = vec3_sub(scene->spheres[k].center, origin);
-        bool starts_on_it = k == own && ray->offset == 0;
+        const double starts_on_it = k == own && ray->offset == 0;
         double squared = vec3_dot(c, c);
-        double outside = starts_on_it ? 0 : squared - scene->spheres[k].radius * scene->spheres[k].radius;
+        double outside = starts_on_it > 0 ? 0 : squared - scene->spheres[k].radius * scene->spheres[k].radius;
+#pragma omp simd
         for (int j = 0; j < count; j++) {
-            double end = ray->length > 0 ? ray->length : d[j];
+            double end = length > 0 ? length : d[j];
             double b = sign * (c.x * x[j] + c.y * y[j] + c.z * z[j]) / d[j];
             double root = b * b - outside;
-            root = sqrt(root > 0 ? root : 0);
-            double near = b - root, far = b + root;
-            int meets = b * b > outside && (((near > ray->start && near < end) && !starts_on_it) ||
-                                            (far > ray->start && far < end));
-            seen[j] = meets ? 0 : seen[j];
+            double half = sqrt(root > 0 ? root : 0);
+            double near = b - half, far = b + half;
+            double on_near = near > start ? 1 - starts_on_it : 0, on_far = far > start ? 1 : 0;
+            on_near = near < end ? on_near : 0;
+            on_far = far < end ? on_far : 0;
+            double meets = root > 0 ? on_near + on_far : 0;
+            seen[j] = meets > 0 ? 0 : seen[j];
         }
     }
     for (int k = 0; k < scene->nb_planes; k++) {
-        const Plane *plane = &scene->planes[k];
+        const Plane plane = scene->planes[k];
         if (scene->nb_spheres + k == own && ray->offset == 0)
             continue;
-        double height = vec3_dot(plane->normal, vec3_sub(plane->point, origin));
+        double height = vec3_dot(plane.normal, vec3_sub(plane.point, origin));
+#pragma omp simd
         for (int j = 0; j < count; j++) {
-            double end = ray->length > 0 ? ray->length : d[j];
-            double slope = sign * (plane->normal.x * x[j] + plane->normal.y * y[j] + plane->normal.z * z[j]) / d[j];
+            double end = length > 0 ? length : d[j];
+            double slope = sign * (plane.normal.x * x[j] + plane.normal.y * y[j] + plane.normal.z * z[j]) / d[j];
             double t = height / slope;
-            seen[j] = t > ray->start && t < end ? 0 : seen[j];
+            double meets = t > start ? 1 : 0;
+            meets = t < end ? meets : 0;
+            seen[j] = meets > 0 ? 0 : seen[j];
         }
     }
     if (ray->inverted)
@@ -267,10 +274,11 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
         double s[MOST_GRID * MOST_GRID], t[MOST_GRID * MOST_GRID];
         double seen[MOST_GRID * MOST_GRID], w[MOST_WEIGHTS][MOST_GRID * MOST_GRID];
         RngStream stream = {1, (uint32_t)i, 0};
+        /* in each cell of the grid one point, at the places of a shifted lattice (Roberts's R2) */
+        Uniform2 shift = rng_uniform2(stream, 0, (uint32_t)light + 1);
         for (int j = 0; j < count; j++) {
-            Uniform2 random = rng_uniform2(stream, (uint32_t)j, (uint32_t)light + 1);
-            a[j] = (j % grid + random.x) / grid;
-            b[j] = (j / grid + random.y) / grid;
+            a[j] = (j % grid + fraction(shift.x + j * 0.7548776662466927)) / grid;
+            b[j] = (j / grid + fraction(shift.y + j * 0.5698402909980532)) / grid;
         }
         CHOICES[domain].places(count, a, b, s, t);
         Vec3 point = row(receivers->point, i), normal = row(receivers->normal, i);
