@@ -123,7 +123,7 @@ def predict(
         ]
     if variant["clamp"].arguments == ("PIXEL",):
         mean, var = _through(clipped, mean, var + across, mixture)
-        mean, var = clipped(mean, var / m)
+        var = var / m
     else:
         end = wrapped if variant["output"].field("wrap") else clipped
         mean, var = _through(end, mean, (var + across) / m, mixture)
