@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -103,18 +103,18 @@ class Variant:
     generator: str = RIGHT
     factor: float = 1.0
 
-    @property
+    @cached_property
     def choices(self) -> tuple[Choice, ...]:
         """One of each module"""
         table = catalogue().choices
         return tuple(table[module, getattr(self, module)] for module in MODULES)
 
-    @property
+    @cached_property
     def wrong(self) -> tuple[Choice, ...]:
         """Those that are mistakes"""
         return tuple(choice for choice in self.choices if choice.mistake)
 
-    @property
+    @cached_property
     def mistakes(self) -> tuple[str, ...]:
         """Their names, each once, sorted"""
         return tuple(sorted({choice.mistake for choice in self.wrong}))

@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from scipy.optimize import nnls
 from compare.check.catalogue import RIGHT, SPLIT, Choice, Variant, catalogue
 from compare.check.grid import Grid, fit_grid
 from compare.check.picture import Picture
-from compare.check.prediction import brightness, one_place, surface_lights
+from compare.check.moments import Key
+from compare.check.prediction import brightness, key_of, one_place, surface_lights
 from compare.check.view import View
 from compare.scene import QuadLight, Scene
 
@@ -44,7 +46,7 @@ KNOWN = 0.008
 """A brightness as near as this, relative, to a known mistake's is that mistake"""
 PARTS = 6
 COARSE_GRID, FINE_GRID = 8, 12
-FINALISTS = 16
+FINALISTS, FAR_BEHIND = 12, 80.0
 SEEDS = 8
 MOST_MISTAKES = 4
 PLACES = np.arange(-1.5, 2.51, 0.25)
@@ -177,9 +179,13 @@ class _Search:
         return price
 
     def try_all(self, variants: Iterable[Variant]) -> None:
-        for variant in variants:
-            if variant not in self.scored and not self._is_power(variant):
-                self.scored[variant] = self.score(self.parts, variant)
+        new = [v for v in dict.fromkeys(variants) if v not in self.scored and not self._is_power(v)]
+        for view in {id(view.around): view for view in self.parts}.values():
+            view.prepare(keys_of(new))
+        for variant in new:
+            # what all cells would say
+            said = self.score(self.parts, variant) + self.price(variant)
+            self.scored[variant] = PARTS * said - self.price(variant)
 
     def _is_power(self, variant: Variant) -> bool:
         return not self.power_known and variant.scale in POWER_OR
@@ -191,7 +197,7 @@ class _Search:
             return variant
         return replace(variant, factor=factor)
 
-    @property
+    @cached_property
     def known(self) -> list[float]:
         """The constant factors of the catalogue, for these pictures."""
         light = self.views[0].scene.lights[surface_lights(self.views[0].scene)[0]]
@@ -213,20 +219,22 @@ class _Search:
     # -- search
 
     def coarse(self) -> None:
-        for view in {id(view.around): view for view in self.parts}.values():
-            view.prepare(every_key())
         ones = singles(self.scenes, self.many)
         self.try_all([Variant(), *ones])
-        shapes = [v for v in ones if v.domain != RIGHT or v.visibility != RIGHT or v.weight != RIGHT]
-        shapes += [Variant(average=a) for a in ("n_no_effect", "running_half")]
-        self.try_all(self.with_factor(v) for v in (Variant(), *shapes))
-        ordered = self.ordered()
-        seeds = list(dict.fromkeys(replace(v, factor=1.0) for v in ordered if v.mistakes))[:SEEDS]
-        if ordered[0].mistakes or self.looseness(self.parts, ordered[0])[1] > 0:
-            for seed in seeds:
-                self.try_all(pairs(seed, self.scenes, self.many))
+        self.try_all([self.with_factor(Variant())])
         best = self.ordered()[0]
-        while len(best.mistakes) > 1 and self.looseness(self.parts, best)[1] > ACCUSED:
+        if self.looseness(self.parts, best)[1] > 0:
+            shapes = [v for v in ones if (v.domain, v.visibility, v.weight) != (RIGHT,) * 3]
+            shapes += [Variant(average=a) for a in ("n_no_effect", "running_half")]
+            self.try_all([self.with_factor(v) for v in shapes])
+            seeds = list(dict.fromkeys(replace(v, factor=1.0) for v in self.ordered() if v.mistakes))
+            for seed in seeds[:SEEDS]:
+                self.try_all(pairs(seed, self.scenes, self.many))
+        elif best.mistakes:
+            for seed in [v for v in self.ordered() if v.mistakes][:2]:
+                self.try_all(pairs(replace(seed, factor=1.0), self.scenes, self.many))
+        best = self.ordered()[0]
+        while len(best.mistakes) > 1 and self.looseness(self.parts, best)[1] > ACCUSED / PARTS:
             self.try_all(pairs(best, self.scenes, self.many))
             better = self.ordered()[0]
             if better == best or len(better.mistakes) > MOST_MISTAKES:
@@ -245,18 +253,19 @@ class _Search:
     def fine(self) -> Diagnosis:
         ordered = self.ordered()
         best = self.scored[ordered[0]]
-        near = [v for v in ordered if self.scored[v] > best - 60]
-        finalists = near[:FINALISTS]
+        finalists = [v for v in ordered[:FINALISTS] if self.scored[v] > best - FAR_BEHIND]
         finalists += [v for v in (Variant(), *[v for v in ordered if not v.mistakes][:2]) if v not in finalists]
+        for view in {id(view.around): view for view in self.views}.values():
+            view.prepare(keys_of(finalists))
         found = {v: self.score(self.views, v) for v in finalists}
         top = max(found, key=found.__getitem__)
-        sure = []
+        losses: dict[str, float] = {}
         for choice in top.wrong:
             less = replace(top, **{choice.module: RIGHT})  # type: ignore[arg-type]
             if less not in found:
                 found[less] = self.score(self.views, less)
-            if found[less] < found[top] - ACCUSED:
-                sure.append(choice.mistake)
+            losses[choice.mistake] = found[top] - found[less]
+        sure = [name for name, loss in sorted(losses.items(), key=lambda x: -x[1]) if loss > ACCUSED]
         hypotheses = sorted((Hypothesis(v, s) for v, s in found.items()), key=lambda h: -h.score)
         ranking: dict[tuple[Any, ...], Hypothesis] = {}
         for h in hypotheses:
@@ -271,7 +280,7 @@ class _Search:
             hypotheses[0],
             loose,
             unexplained,
-            tuple(dict.fromkeys(sure)),
+            tuple(sure),
             self._alike(top),
             self._hidden(top),
             light,
@@ -310,7 +319,7 @@ class _Search:
             v
             for v, score in self.scored.items()
             if len(v.mistakes) == len(top.mistakes) and v.factor == top.factor
-            and v.mistakes != top.mistakes and abs(score - self.scored[top]) < 1
+            and v.mistakes != top.mistakes and abs(score - self.scored[top]) < PARTS
             and self._apart(v, top) < 1
         ] if top in self.scored else []  # fmt: skip
         return tuple(dict.fromkeys(v.mistakes for v in same if v.mistakes))
@@ -337,18 +346,16 @@ class _Search:
 # ---------------------------------------------------------------- hypotheses
 
 
-def every_key() -> list[tuple[str, str, str]]:
-    """The moments that any pair of mistakes needs."""
-    names = {m: [c.name for c in catalogue().of_module(m)] for m in ("domain", "visibility", "weight")}
-    keys = [(RIGHT, ray, weight) for ray in names["visibility"] for weight in names["weight"]]
-    keys += [
-        (domain, ray, weight)
-        for domain in names["domain"]
-        if domain != RIGHT
-        for ray in (RIGHT, "none")
-        for weight in WEIGHTS_WITH_DOMAIN
-    ]
-    return keys
+def keys_of(variants: Iterable[Variant]) -> list[Key]:
+    """The moments that they need."""
+    keys: dict[Key, None] = {}
+    for variant in variants:
+        keys[key_of(variant)] = None
+        ray, average = variant["visibility"], variant["average"]
+        apart = average.macro == SPLIT and average.arguments[0] in ("APART", "FIRST")
+        if ray.field("target") or apart:
+            keys[variant.domain, "none", variant.weight] = None
+    return list(keys)
 
 
 def _usable(choice: Choice, scenes: Sequence[Scene], many: bool) -> bool:

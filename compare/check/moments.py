@@ -84,18 +84,14 @@ class Moments:
         self._table: dict[Key, np.ndarray] = {}
 
     def prepare(self, keys: Iterable[Key]) -> None:
-        """Compute those that are not there yet, all of a domain in one go."""
+        """Compute those that are not there yet: of a domain all rays with all weights."""
         missing: dict[str, list[Key]] = {}
         for key in keys:
             if key not in self._table:
                 missing.setdefault(key[0], []).append(key)
         for domain, wanted in missing.items():
-            by_weights: dict[tuple[str, ...], list[str]] = {}
-            for ray in dict.fromkeys(key[1] for key in wanted):
-                weights = tuple(sorted({key[2] for key in wanted if key[1] == ray}))
-                by_weights.setdefault(weights, []).append(ray)
-            for weights, rays in by_weights.items():
-                self._compute(domain, rays, list(weights))
+            rays, weights = (sorted({key[i] for key in wanted}) for i in (1, 2))
+            self._compute(domain, rays, weights)
 
     def __getitem__(self, key: Key) -> np.ndarray:
         self.prepare([key])
