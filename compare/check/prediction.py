@@ -27,8 +27,6 @@ from compare.scene import PointLight, QuadLight, Scene
 
 MIXTURE = 16
 """Up to so many samples a clamp acts on each number of visible ones apart."""
-MANY = 1e9
-"""events where the variance is not theirs"""
 P_GRID = np.linspace(0, 1, 257)
 TOP = 256 / 255
 """What wraps to 0"""
@@ -40,12 +38,6 @@ class Law:
 
     mean: np.ndarray
     variance: np.ndarray
-    events: np.ndarray
-    """how many of a pixel's samples are expected to differ from most: hidden ones where most are
-    visible, visible ones where most are hidden. Few: its variance is that of rare events"""
-    quiet_mean: np.ndarray
-    quiet_variance: np.ndarray
-    """mean and variance if there is none"""
     correlation: str = "NONE"
     """which pixels share their random numbers: NONE, ALL, or those of a ROW"""
 
@@ -89,7 +81,6 @@ def predict(
     lights = surface_lights(around.scene)
     total, spread, between = np.zeros_like(around.distance), 0.0, 0.0
     parts = []
-    events, quiet_mean, quiet = (np.zeros_like(around.distance) for _ in range(3))
     colour = np.asarray(variant["colour"].evaluate(0, c=around.flat_colour), float)
     if colour.ndim == 0:
         colour = np.full_like(around.flat_colour, float(colour))
@@ -114,11 +105,6 @@ def predict(
             )
         between = between + mean
         parts.append((p, shaded, variance, fixed))
-        drawn = n if variant["average"].macro == SPLIT else len(_weights(variant, n))
-        events += MANY if fixed else m * drawn * np.minimum(p, 1 - p)
-        whole, _, scatter = _average(variant, n, np.round(p), fixed)
-        quiet_mean += whole * shaded
-        quiet += scatter * variance
     mean, var = total, np.asarray(spread)
     if "unclamped" in variant.weight:
         mean, var = np.maximum(mean, 0), np.where(mean > 0, var, 0)
@@ -126,7 +112,6 @@ def predict(
     left = np.exp(-variant["output"].field("fog") * around.distance)
     extra = left * variant["output"].field("ambient") * colour + (1 - left) * around.background
     mean, var, across = left * mean + extra, left**2 * var, left**2 * across
-    quiet_mean, quiet = clipped(left * quiet_mean + extra, (left**2 * quiet + across) / m)
     mixture: list[Part] = []
     if len(parts) == 1 and not quick and not parts[0][3]:
         p, shaded, variance, _ = parts[0]
@@ -146,8 +131,7 @@ def predict(
     if acne:  # a part of the pixels black, the same for all samples
         kept = 1 - acne
         mean, var = kept * mean, kept * (var + mean**2) - (kept * mean) ** 2
-        events = events + min(acne, kept)
-    return Law(mean, var, events, quiet_mean, quiet, variant["generator"].arguments[0])
+    return Law(mean, var, variant["generator"].arguments[0])
 
 
 def brightness(light: object, variant: Variant, n: int) -> float:

@@ -54,10 +54,6 @@ class Statistics:
     """of that logarithm, with the tolerance; inf where the cell is too small to tell"""
     mean: np.ndarray
     """foretold"""
-    uneventful: np.ndarray
-    """chance that none of the events in it happens which make most of its noise"""
-    quiet_ratio: np.ndarray
-    """noise_ratio if so"""
 
     @property
     def misfit(self) -> np.ndarray:
@@ -207,21 +203,10 @@ class View:
         ratio = np.log((noise + floor) / (inside + floor))
         wide = 1.0 if law.correlation == "ALL" else NOISE**2
         noise_variance = np.where(
-            self.count >= FEW, self.plain_noise_variance - NOISE**2 + wide, np.inf
+            self.count >= FEW, 2 * 1.5 / np.maximum(self.count - 1, 1) + wide, np.inf
         )
-        events = self.mean(law.events) * self.count
-        quiet_ends = (law.quiet_mean > 1 - 1e-6) | (law.quiet_mean < 1e-6)
-        quiet = self.mean(law.quiet_variance) + step * (1 - self.mean(quiet_ends.astype(float)))
         return Statistics(
-            mean_residual,
-            residual_variance,
-            noise,
-            inside,
-            ratio,
-            noise_variance + 1 / np.maximum(events, 1),
-            shown_mean,
-            np.exp(-np.minimum(events, 700)),
-            np.log((noise + floor) / (quiet + floor)),
+            mean_residual, residual_variance, noise, inside, ratio, noise_variance, shown_mean
         )
 
     def _tolerances(self) -> tuple[float, float]:
@@ -253,14 +238,10 @@ class View:
         return (
             -0.5 * (NU + 1) * np.log1p(found.misfit / NU)
             - 0.5 * np.log(s2)
-            + np.where(
+            - np.where(
                 np.isfinite(found.noise_variance),
-                np.logaddexp(
-                    np.log1p(-np.minimum(found.uneventful, 1 - 1e-12))
-                    + _t(ratio, found.noise_variance),
-                    np.log(np.maximum(found.uneventful, 1e-300))
-                    + _t(found.quiet_ratio, self.plain_noise_variance),
-                ),
+                0.5 * (NU + 1) * np.log1p(ratio**2 / found.noise_variance / NU)
+                + 0.5 * np.log(found.noise_variance),
                 0.0,
             )
         )
@@ -274,11 +255,6 @@ class View:
         louder = np.log((one.foretold_noise + floor) / (two.foretold_noise + floor)) ** 2
         louder = np.where(finite, louder / np.where(finite, two.noise_variance, 1), 0)
         return float((0.5 * (NU + 1) * (np.log1p(shift / NU) + np.log1p(louder / NU))).sum())
-
-    @property
-    def plain_noise_variance(self) -> np.ndarray:
-        """Of a noise ratio where many samples make it"""
-        return 2 * 1.5 / np.maximum(self.count - 1, 1) + NOISE**2
 
     def _spared(self, found: Statistics) -> np.ndarray:
         """Noise ratios less what they have in common, by kind of cell, where that is low."""
@@ -305,11 +281,6 @@ class View:
                     return factor
             factor *= float(np.clip(np.median(seen[fine] / foretold[fine]), 0.05, 20))
         return factor
-
-
-def _t(x: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Log-density of Student's t of that scale, but for a constant."""
-    return np.asarray(-0.5 * (NU + 1) * np.log1p(x**2 / variance / NU) - 0.5 * np.log(variance))
 
 
 # ---------------------------------------------------------------- sites
