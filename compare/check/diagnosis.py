@@ -134,17 +134,18 @@ def _fit_like(
     return fit_grid(picture, scene)
 
 
-def diagnose(views: Sequence[View], power_known: bool = False) -> Diagnosis:
+def diagnose(views: Sequence[View], power_known: bool = False, without: str = "") -> Diagnosis:
     """power_known: the scene's power is what the program was given, so that a wrong brightness is a
-    fault. Raises MissingProgramError."""
-    search = _Search(views, power_known)
+    fault; without: a mistake that is not looked for, so that calibration can tell what becomes of
+    one that the catalogue lacks. Raises MissingProgramError."""
+    search = _Search(views, power_known, without)
     search.coarse()
     return search.fine()
 
 
 class _Search:
-    def __init__(self, views: Sequence[View], power_known: bool) -> None:
-        self.views, self.power_known = list(views), power_known
+    def __init__(self, views: Sequence[View], power_known: bool, without: str) -> None:
+        self.views, self.power_known, self.without = list(views), power_known, without
         self.scenes = list({id(view.scene): view.scene for view in views}.values())
         self.many = any(view.picture.samples_per_pixel > 1 for view in views)
         parts: dict[int, View] = {}
@@ -202,7 +203,7 @@ class _Search:
         """The constant factors of the catalogue, for these pictures."""
         light = self.views[0].scene.lights[surface_lights(self.views[0].scene)[0]]
         n = self.views[self.lead].picture.nb_light_samples
-        own = [v for v in singles(self.scenes, self.many) if v.wrong and not self._is_power(v)]
+        own = [v for v in singles(self.scenes, self.many, self.without) if v.wrong and not self._is_power(v)]
         return [k for v in own if (k := constant(v, light, n)) is not None and k > 0]
 
     @property
@@ -219,7 +220,7 @@ class _Search:
     # -- search
 
     def coarse(self) -> None:
-        ones = singles(self.scenes, self.many)
+        ones = singles(self.scenes, self.many, self.without)
         self.try_all([Variant(), *ones])
         self.try_all([self.with_factor(Variant())])
         best = self.ordered()[0]
@@ -229,13 +230,13 @@ class _Search:
             self.try_all([self.with_factor(v) for v in shapes])
             seeds = list(dict.fromkeys(replace(v, factor=1.0) for v in self.ordered() if v.mistakes))
             for seed in seeds[:SEEDS]:
-                self.try_all(pairs(seed, self.scenes, self.many))
+                self.try_all(pairs(seed, self.scenes, self.many, self.without))
         elif best.mistakes:
             for seed in [v for v in self.ordered() if v.mistakes][:2]:
                 self.try_all(pairs(replace(seed, factor=1.0), self.scenes, self.many))
         best = self.ordered()[0]
         while len(best.mistakes) > 1 and self.looseness(self.parts, best)[1] > ACCUSED / PARTS:
-            self.try_all(pairs(best, self.scenes, self.many))
+            self.try_all(pairs(best, self.scenes, self.many, self.without))
             better = self.ordered()[0]
             if better == best or len(better.mistakes) > MOST_MISTAKES:
                 break
@@ -327,7 +328,7 @@ class _Search:
     def _hidden(self, top: Variant) -> tuple[str, ...]:
         """Names, none of whose choices would show as an addition to the best one."""
         shown: dict[str, bool] = {}
-        for variant in singles(self.scenes, True) if not top.mistakes else ():
+        for variant in singles(self.scenes, True, self.without) if not top.mistakes else ():
             for choice in variant.wrong:
                 seen = _usable(choice, self.scenes, self.many) and self._apart(variant, top) > (
                     ACCUSED + PRICE_ONE
@@ -375,22 +376,25 @@ def _widened(variant: Variant) -> list[Variant]:
     return [variant]
 
 
-def singles(scenes: Sequence[Scene], many: bool = True) -> list[Variant]:
+def singles(scenes: Sequence[Scene], many: bool = True, without: str = "") -> list[Variant]:
     """One choice of the catalogue each, sound ones included."""
     return [
         variant
         for choice in catalogue().choices.values()
-        if choice.name != RIGHT and _usable(choice, scenes, many)
+        if choice.name != RIGHT and (not without or choice.mistake != without)
+        and _usable(choice, scenes, many)
         for variant in _widened(Variant().replaced(choice))
     ]
 
 
-def pairs(variant: Variant, scenes: Sequence[Scene], many: bool = True) -> list[Variant]:
+def pairs(
+    variant: Variant, scenes: Sequence[Scene], many: bool = True, without: str = ""
+) -> list[Variant]:
     """With one mistake more, of another module."""
     return [
         widened
         for choice in catalogue().choices.values()
-        if choice.mistake and getattr(variant, choice.module) in (RIGHT, "offset_0", "offset_0_01")
+        if choice.mistake and choice.mistake != without and getattr(variant, choice.module) in (RIGHT, "offset_0", "offset_0_01")
         and _usable(choice, scenes, many)
         and _sensible(two := variant.replaced(choice))
         for widened in _widened(two)

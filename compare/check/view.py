@@ -68,6 +68,7 @@ class View:
         self, picture: Picture, grid: Grid, scene: Scene, scene_file: Path, light_grid: int = 16
     ) -> None:
         self.picture, self.grid, self.scene, self.quick = picture, grid, scene, False
+        self._parts: dict[tuple[int, int], View] = {}  # of all pictures with these rays
         height, width = picture.values.shape[:2]
         self.row, self.column, self.cell = _sites(scene, scene_file, grid, width, height)
         self._look(scene_file, light_grid)
@@ -126,6 +127,8 @@ class View:
 
     def part(self, share: int, light_grid: int) -> View:
         """Every share-th cell, its moments computed anew with light_grid squared points."""
+        if (share, light_grid) in self._parts:
+            return self._parts[share, light_grid].of(self.picture, self.grid)
         which = np.flatnonzero(self.cell % share == 0)
         part = object.__new__(View)
         part.__dict__.update(self.__dict__)
@@ -146,6 +149,7 @@ class View:
             slope=around.slope[which],
         )
         part._count()
+        self._parts[share, light_grid] = part
         return part
 
     def of(self, picture: Picture, grid: Grid) -> View:

@@ -1,0 +1,49 @@
+"""penumbra calibrate: how often is `penumbra check` wrong?"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from cli.arguments import Subcommands, add_out, add_subcommand, positive
+from cli.exit import PASS
+from compare.run.output import named, plain
+
+
+def add(subcommands: Subcommands) -> None:
+    parser = add_subcommand(
+        subcommands,
+        "calibrate",
+        run,
+        "How often `penumbra check` is wrong: pictures of correct renderers and of every mistake, in "
+        "every form that students save, and what is said of each. A run that was stopped goes on.",
+        "penumbra calibrate -o docs/calibration.json",
+    )
+    add_out(parser, "OUT.json", plain(named(".json")))
+    parser.add_argument(
+        "--cases", type=positive, default=6, metavar="K",
+        help="pictures of each choice of the catalogue, at 16 light samples and more [6]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--correct", type=positive, default=520, metavar="C", help="correct renderers [520]"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    from compare.check.calibration import study
+
+    out: Path = options.out
+    found = study(out, options.cases, options.correct)
+    right, detected, first, unknown = (
+        found[key] for key in ("correct", "detected", "named", "unknown")
+    )
+    print(
+        f"correct: {right['accused']} of {right['n']} accused (below {right['upper']:.2%}), "
+        f"{right['cannot_tell']} cannot tell"
+    )
+    print(f"found: {detected['found']} of {detected['n']} mistakes that show at N >= 16")
+    print(f"named: {first['first']} of {first['n']}")
+    print(f"not in the catalogue: {unknown['unknown']} unknown, {unknown['nearest']} of another name, "
+          f"of {unknown['n']}")  # fmt: skip
+    print(f"written: {out}")
+    return PASS
