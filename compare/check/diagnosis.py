@@ -32,6 +32,8 @@ TEMPER = 0.5
 PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 10.0, 40.0, 20.0, 45.0
 """Of one mistake, of two, of every further one, of an unexplained brightness beside a mistake, in
 units of the tempered log-likelihood"""
+PRICE_DIFFUSE = 60.0
+"""Of random numbers that pixels share, beside another mistake: nearly every picture is then possible"""
 PRICE_PICTURE_ONE, PRICE_PICTURE_TWO = 5.0, 25.0
 """More for every picture beyond the first"""
 ACCUSED = 15.0
@@ -162,7 +164,7 @@ class _Search:
 
     def score(self, views: list[View], variant: Variant, loose: float = 0.0) -> float:
         total = sum(
-            share * view.loglik(variant, spared_noise=not variant.mistakes, loose=loose)
+            share * view.loglik(variant, _may_be_quiet(variant), loose)
             for share, view in zip(self.shares, views, strict=True)
         )
         return TEMPER * total - self.price(variant)
@@ -174,6 +176,8 @@ class _Search:
             price = PRICE_ONE + PRICE_PICTURE_ONE * more
         elif number:
             price = PRICE_TWO + PRICE_PICTURE_TWO * more + PRICE_MORE * (number - 2)
+            if variant.generator != RIGHT:
+                price += PRICE_DIFFUSE
         if variant.factor != 1:
             cheap = not number or any(abs(variant.factor / p - 1) < KNOWN for p in POWERS)
             price += PRICE_ONE if cheap and not self.power_known else PRICE_FACTOR
@@ -399,6 +403,12 @@ def pairs(
         and _sensible(two := variant.replaced(choice))
         for widened in _widened(two)
     ]
+
+
+def _may_be_quiet(variant: Variant) -> bool:
+    """Whether noise that is lower than foretold by one factor is only a better sampler's: unless
+    what it gets wrong is the noise itself."""
+    return variant.average == RIGHT and variant.generator == RIGHT
 
 
 def constant(variant: Variant, light: Any, n: int) -> float | None:

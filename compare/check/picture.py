@@ -80,10 +80,9 @@ def read_picture(
     if colour is not None:
         shows = _flat(levels, colour, tolerance, mixed, jpeg == "coarse")
     if top == 0:
-        values = levels / 255
-        # a program that clamps before it saves floats leaves many that are exactly 1
-        clamped = values.max() == 1 and np.count_nonzero(values == 1) > 8
-        clipped = (values >= 1) & clamped
+        # a float picture is looked at as it would be seen, so that one law holds for all
+        values = np.minimum(levels / 255, 1)
+        clipped = values >= 1
         variance = step**2 / 12
         law = "float"
     else:

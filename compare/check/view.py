@@ -261,15 +261,20 @@ class View:
         return float((0.5 * (NU + 1) * (np.log1p(shift / NU) + np.log1p(louder / NU))).sum())
 
     def _spared(self, found: Statistics) -> np.ndarray:
-        """Noise ratios less what they have in common, by kind of cell, where that is low."""
+        """Noise ratios where samples are better spread than random ones: by one factor on their
+        variance where that is large, and one where it is small."""
         ratio = found.noise_ratio
+        floor, _ = self._tolerances()
+        step = np.minimum(self.picture.quantisation_variance, found.foretold_noise)
+        sampled, seen = found.foretold_noise - step, np.maximum(found.noise - step, 0)
         loud = found.foretold_noise > (0.02 * found.mean) ** 2
         for kind in (loud, ~loud):
-            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance)
+            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance) & (sampled > 0)
             if kind.sum() > 10:
-                low = float(np.median(ratio[kind]))
-                if low < math.log(0.8):
-                    ratio = np.where(kind, ratio - low, ratio)
+                factor = float(np.median(seen[kind] / sampled[kind]))
+                if factor < 0.8:
+                    spared = np.log((found.noise + floor) / (factor * sampled + step + floor))
+                    ratio = np.where(kind, spared, ratio)
         return ratio
 
     def best_factor(self, variant: Variant) -> float:
