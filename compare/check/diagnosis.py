@@ -438,7 +438,7 @@ def _sensible(variant: Variant) -> bool:
             or variant.clamp == "per_light_sample" or variant.generator != RIGHT
         ):
             return False
-    if variant.generator != RIGHT and variant.domain != RIGHT:
+    if variant.generator != RIGHT and (variant.domain != RIGHT or len(variant.wrong) > 2):
         return False
     if variant.scale == "normal_reversed":
         return len(variant.wrong) == 1

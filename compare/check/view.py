@@ -33,6 +33,8 @@ NU = 5.0
 """Student's t: how little a cell that no model explains may weigh"""
 RELATIVE, NOISE = 2e-3, 0.15
 """Tolerance of the mean, relative; of the noise's variance, as a logarithm"""
+SMOOTHED = 0.35
+"""What halved colours leave of a pure colour's noise, about: a coarse JPEG's noise says little"""
 FEW = 6
 """Pixels without which a cell tells no noise"""
 
@@ -199,13 +201,14 @@ class View:
             shared, inside = self.count, 0.03 * foretold
         elif law.correlation == "ROW":
             shared, inside = np.sqrt(self.count), foretold * (1 - 1 / np.sqrt(self.count))
-        inside = inside + step * (1 - ends)
+        coarse = self.picture.jpeg == "coarse"
+        inside = inside * (SMOOTHED if coarse else 1) + step * (1 - ends)
         floor, absolute = self._tolerances()
         variance_of_mean = foretold * shared / self.count + step * (1 - ends) / self.count
         residual_variance = variance_of_mean + (RELATIVE * shown_mean) ** 2 + absolute**2
         noise = within * self.count / np.maximum(self.count - 1, 1)
         ratio = np.log((noise + floor) / (inside + floor))
-        wide = 1.0 if law.correlation == "ALL" else NOISE**2
+        wide = 1.0 if law.correlation == "ALL" or coarse else NOISE**2
         noise_variance = np.where(
             self.count >= FEW, 2 * 1.5 / np.maximum(self.count - 1, 1) + wide, np.inf
         )
@@ -218,7 +221,7 @@ class View:
         if self.picture.quantisation_variance == 0:
             return 1e-8, 1e-4
         jpeg = bool(self.picture.jpeg)
-        return ((1.0 if jpeg else 0.25) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
+        return ((1.0 if jpeg else 0.5) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
 
     def loglik(self, variant: Variant, spared_noise: bool = False, loose: float = 0.0) -> float:
         """Log-likelihood of the picture. spared_noise: noise that is lower than foretold by one
@@ -272,8 +275,10 @@ class View:
             kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance) & (sampled > 0)
             if kind.sum() > 10:
                 factor = float(np.median(seen[kind] / sampled[kind]))
-                if factor < 0.8:
-                    spared = np.log((found.noise + floor) / (factor * sampled + step + floor))
+                spared = np.log((found.noise + floor) / (factor * sampled + step + floor))
+                wide = found.noise_variance[kind] * NU
+                gain = np.log1p(ratio[kind] ** 2 / wide) - np.log1p(spared[kind] ** 2 / wide)
+                if factor < 0.8 and gain.sum() > 0:
                     ratio = np.where(kind, spared, ratio)
         return ratio
 
