@@ -123,7 +123,7 @@ def draw(cases: int, correct: int, seed: int = 1) -> list[Specimen]:
     for name, variant in every.items():
         scenes = [s for s in SCENES if table.get((s, name), 0.0) >= CLEAR]
         if variant.clamp == "per_pixel_sample":
-            scenes = list(SCENES)
+            scenes = [s for s in SCENES if s != "tp3_two_quads"]  # where something is too bright
         start = int(rng.integers(4))
         for i in range(cases + 1 if scenes else 0):
             low = i >= cases

@@ -32,8 +32,6 @@ TEMPER = 0.5
 PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 10.0, 40.0, 20.0, 45.0
 """Of one mistake, of two, of every further one, of an unexplained brightness beside a mistake, in
 units of the tempered log-likelihood"""
-PRICE_DIFFUSE = 60.0
-"""Of random numbers that pixels share, beside another mistake: nearly every picture is then possible"""
 PRICE_PICTURE_ONE, PRICE_PICTURE_TWO = 5.0, 25.0
 """More for every picture beyond the first"""
 ACCUSED = 15.0
@@ -176,8 +174,6 @@ class _Search:
             price = PRICE_ONE + PRICE_PICTURE_ONE * more
         elif number:
             price = PRICE_TWO + PRICE_PICTURE_TWO * more + PRICE_MORE * (number - 2)
-            if variant.generator != RIGHT:
-                price += PRICE_DIFFUSE
         if variant.factor != 1:
             cheap = not number or any(abs(variant.factor / p - 1) < KNOWN for p in POWERS)
             price += PRICE_ONE if cheap and not self.power_known else PRICE_FACTOR
@@ -205,10 +201,12 @@ class _Search:
     @cached_property
     def known(self) -> list[float]:
         """The constant factors of the catalogue, for these pictures."""
-        light = self.views[0].scene.lights[surface_lights(self.views[0].scene)[0]]
+        lights = surface_lights(self.views[0].scene)
+        light = self.views[0].scene.lights[lights[0]]
         n = self.views[self.lead].picture.nb_light_samples
         own = [v for v in singles(self.scenes, self.many, self.without) if v.wrong and not self._is_power(v)]
-        return [k for v in own if (k := constant(v, light, n)) is not None and k > 0]
+        found = [k for v in own if (k := constant(v, light, n)) is not None and k > 0]
+        return [*found, 1 / len(lights)] if len(lights) > 1 else found
 
     @property
     def lead(self) -> int:
@@ -408,7 +406,9 @@ def pairs(
 def _may_be_quiet(variant: Variant) -> bool:
     """Whether noise that is lower than foretold by one factor is only a better sampler's: unless
     what it gets wrong is the noise itself."""
-    return variant.average == RIGHT and variant.generator == RIGHT
+    ray = variant["visibility"]
+    loud = ray.field("lost") or ray.field("apart") or variant["output"].field("acne")
+    return variant.average == RIGHT and variant.generator == RIGHT and not loud
 
 
 def constant(variant: Variant, light: Any, n: int) -> float | None:
@@ -438,8 +438,8 @@ def _sensible(variant: Variant) -> bool:
             or variant.clamp == "per_light_sample" or variant.generator != RIGHT
         ):
             return False
-    if variant.generator != RIGHT and (variant.domain != RIGHT or len(variant.wrong) > 2):
-        return False
+    if variant.generator != RIGHT:  # with another mistake nearly every picture would be possible
+        return len(variant.wrong) == 1
     if variant.scale == "normal_reversed":
         return len(variant.wrong) == 1
     return True

@@ -231,7 +231,7 @@ class View:
             found = replace(
                 found,
                 residual_variance=found.residual_variance
-                + (loose * found.mean) ** 2
+                + (loose * np.maximum(found.mean, found.mean + found.residual)) ** 2
                 + (loose / 30) ** 2,
             )
         return float(self.loglik_of(found, spared_noise).sum())
