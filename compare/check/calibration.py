@@ -170,13 +170,15 @@ def _with_nuisances(rng: np.random.Generator, specimen: Specimen) -> Specimen:
         ((2.5, 1.5), 0, 0.05),
     ]
     position, divisor, _ = places[int(rng.choice(len(places), p=[p for *_, p in places]))]
+    shifted = position is not None and position[0] > 1  # with the scene's field of view only
+    wide = not shifted and rng.random() < 0.25
     file = str(rng.choice(["png", "bmp", "jpg 100", "jpg 90", "exr"], p=[0.5, 0.05, 0.15, 0.15, 0.15]))
     encodings = ["truncated", "rounded", "truncated 256", "sRGB", "gamma 2.2"]
     return replace(
         specimen,
         position=position,
         divisor=divisor,
-        fov_y_deg=float(rng.choice([50, 70, 80])) if rng.random() < 0.25 else 60.0,
+        fov_y_deg=float(rng.choice([50, 70, 80])) if wide else 60.0,
         file=file,
         encoding=str(rng.choice(encodings, p=[0.6, 0.15, 0.15, 0.05, 0.05])),
         clamped=bool(rng.random() < 0.5),
@@ -308,6 +310,7 @@ class Bench:
             "gain": diagnosis.best.score - diagnosis.right.score,
             "unexplained": diagnosis.unexplained,
             "loose": diagnosis.loose,
+            "local": diagnosis.local,
             "expected": sum(expected) / NEED,
             "from_best": sum(from_best),
             "facts": [code for code, _ in said.facts],

@@ -29,13 +29,15 @@ from compare.scene import QuadLight, Scene
 
 TEMPER = 0.5
 """Cells are not quite independent of each other: what a log-likelihood counts"""
-PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 10.0, 40.0, 20.0, 45.0
+PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 25.0, 60.0, 25.0, 45.0
 """Of one mistake, of two, of every further one, of an unexplained brightness beside a mistake, in
 units of the tempered log-likelihood"""
+PRICE_DIFFUSE = 60.0
+"""More for random numbers that pixels share, which explain nearly any mean"""
 PRICE_PICTURE_ONE, PRICE_PICTURE_TWO = 5.0, 25.0
 """More for every picture beyond the first"""
 ACCUSED = 15.0
-"""Gain over `right` from which a picture is called wrong: with the price, odds of e^-25"""
+"""Gain over `right` from which a picture is called wrong: with the price, odds of e^-40"""
 LOOSE = (0.005, 0.01, 0.02, 0.05, 0.1, 0.3)
 """How far, relative, the mean may be off where no hypothesis holds"""
 POWERS = (0.5, 2.0)
@@ -46,6 +48,10 @@ KNOWN = 0.008
 """A brightness as near as this, relative, to a known mistake's is that mistake"""
 PARTS = 6
 COARSE_GRID, FINE_GRID = 8, 12
+FEW_CELLS = 0.03
+"""Of the cells that may be anything, where it is asked whether a hypothesis explains all of them"""
+LOCAL = 30.0
+"""Gain of that from which it does not: those that hold stay below 15 or so"""
 FINALISTS, FAR_BEHIND = 12, 80.0
 SEEDS = 8
 MOST_MISTAKES = 4
@@ -84,6 +90,8 @@ class Diagnosis:
     hidden: tuple[str, ...]
     """mistakes that would not show in these pictures"""
     light: FreeLight | None = None
+    local: float = 0.0
+    """gain in score of letting a few cells be anything"""
 
 
 @dataclass(frozen=True)
@@ -172,6 +180,8 @@ class _Search:
         price = 0.0
         if number == 1:
             price = PRICE_ONE + PRICE_PICTURE_ONE * more
+            if variant.generator != RIGHT:
+                price += PRICE_DIFFUSE
         elif number:
             price = PRICE_TWO + PRICE_PICTURE_TWO * more + PRICE_MORE * (number - 2)
         if variant.factor != 1:
@@ -253,6 +263,23 @@ class _Search:
         gain, loose = max((self.score(views, variant, loose) - own, loose) for loose in LOOSE)
         return (loose, gain) if gain > 0 else (0.0, gain)
 
+    def local(self, variant: Variant) -> float:
+        """What it gains in score if a few cells may be anything."""
+        total = 0.0
+        for share, view in zip(self.shares, self.views, strict=True):
+            found = view.statistics(view.predict(variant))
+            own = view.loglik_of(found, _may_be_quiet(variant))
+            free = view.loglik_of(
+                replace(
+                    found,
+                    residual_variance=found.residual_variance + 0.1**2,
+                    noise_variance=found.noise_variance + 4,
+                )
+            )
+            mixed = np.logaddexp(own + math.log(1 - FEW_CELLS), free + math.log(FEW_CELLS))
+            total += share * (mixed - own).sum()
+        return TEMPER * float(total)
+
     def fine(self) -> Diagnosis:
         ordered = self.ordered()
         best = self.scored[ordered[0]]
@@ -287,6 +314,7 @@ class _Search:
             self._alike(top),
             self._hidden(top),
             light,
+            self.local(top),
         )
 
     def free_light(self) -> FreeLight | None:

@@ -17,7 +17,8 @@ from compare.scene import Scene
 LUMA = np.array([0.299, 0.587, 0.114])
 """JPEG's brightness of red, green and blue"""
 ROUNDED, EITHER = ", rounded", ", rounded or not"
-"""After the name of a curve: rounded, not truncated; the background does not tell"""
+"""After the name of a curve: rounded, not truncated; the background does not tell (of "rounded":
+whether it was truncated after times 256)"""
 EIGHT_BITS = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -190,6 +191,8 @@ def _encoded(value: np.ndarray, top: int) -> list[tuple[str, np.ndarray]]:
 
 def _decode(levels: np.ndarray, law: str, top: int) -> np.ndarray:
     """The middle of the values that give each level."""
+    if law == "rounded" + EITHER:
+        return (levels + 0.25) / (top + 0.5)
     if law == "rounded":
         return levels / top
     if law == "truncated 256":
@@ -235,6 +238,11 @@ def _background(
                 if name.startswith(curve) and np.abs(best[3] - level).max() <= near
             }  # fmt: skip
             return best[3], law if len(both) == 1 else curve + EITHER, (("transfer", said),)
+        if law == "rounded" and any(
+            name == "truncated 256" and np.abs(best[3] - level).max() <= near
+            for name, level in laws
+        ):
+            law += EITHER
         return best[3], law, facts
     colours, counts = _common(levels[sky])
     colour = colours[0]

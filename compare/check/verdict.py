@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from compare.check.catalogue import RIGHT, Mistake, Variant, catalogue
-from compare.check.diagnosis import ACCUSED, PRICE_ONE, TEMPER, Diagnosis, constant
+from compare.check.diagnosis import ACCUSED, LOCAL, PRICE_ONE, TEMPER, Diagnosis, constant
 from compare.check.grid import Grid
 from compare.check.prediction import surface_lights
 from compare.check.view import NU, View
@@ -138,8 +138,10 @@ def _decide(
     top = diagnosis.best.variant
     gain = diagnosis.best.score - diagnosis.right.score
     coarse = lead.picture.jpeg == "coarse"
-    unexplained = diagnosis.unexplained > ACCUSED
     named = bool(top.mistakes) and gain > ACCUSED
+    unexplained = diagnosis.unexplained > ACCUSED
+    if named:
+        unexplained |= diagnosis.unexplained > ACCUSED / 3 or diagnosis.local > LOCAL
     light = diagnosis.light
     if strange and not (named and not unexplained):
         return CANNOT_TELL, (), (), False
