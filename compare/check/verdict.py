@@ -22,6 +22,8 @@ UNKNOWN = "unknown"
 """The name of what is wrong in no way of the catalogue"""
 STRANGE = 0.3
 """Unexplained pixels per pixel of outline from which a picture shows another scene"""
+DESPITE = 300.0
+"""Gain from which a mistake is named even so: what another scene does to the light is less"""
 BLIND = 0.1
 """A check that would miss a brightness off by so much says nothing"""
 WELL = 0.4
@@ -143,7 +145,7 @@ def _decide(
     if named:
         unexplained |= diagnosis.unexplained > ACCUSED / 3 or diagnosis.local > LOCAL
     light = diagnosis.light
-    if strange and not (named and not unexplained):
+    if strange and not (named and not unexplained and gain > DESPITE):
         return CANNOT_TELL, (), (), False
     if unexplained:
         if light is not None and light.misfit < 3 and light.misfit < WELL * max(_misfit(lead, top), 1e-9):

@@ -209,6 +209,8 @@ class View:
         noise = within * self.count / np.maximum(self.count - 1, 1)
         ratio = np.log((noise + floor) / (inside + floor))
         wide = 1.0 if law.correlation == "ALL" or coarse else NOISE**2
+        if law.rare > 0.01:  # a cell may have none of those pixels, or many
+            wide = wide + np.minimum(1 / (law.rare * np.maximum(self.count, 1)), 1)
         noise_variance = np.where(
             self.count >= FEW, 2 * 1.5 / np.maximum(self.count - 1, 1) + wide, np.inf
         )
