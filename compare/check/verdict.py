@@ -148,7 +148,9 @@ def _decide(
     if strange and not (named and not unexplained and gain > DESPITE):
         return CANNOT_TELL, (), (), False
     if unexplained:
-        if light is not None and light.misfit < 3 and light.misfit < WELL * max(_misfit(lead, top), 1e-9):
+        off = named or diagnosis.loose >= NEAR
+        well = WELL * max(_misfit(lead, top), 1e-9)
+        if off and light is not None and light.misfit < min(3, well):
             quiet = [r.noise for r in _regions(lead, Variant()) if r.noise > 0]
             name = "quad_parametrisation_wrong"
             if light.inside > 0.95 and max(quiet, default=1.0) < 0.3:
