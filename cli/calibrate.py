@@ -21,11 +21,14 @@ def add(subcommands: Subcommands) -> None:
     )
     add_out(parser, "OUT.json", plain(named(".json")))
     parser.add_argument(
-        "--cases", type=positive, default=6, metavar="K",
-        help="pictures of each choice of the catalogue, at 16 light samples and more [6]",
+        "--cases", type=positive, default=2, metavar="K",
+        help="pictures of each choice of the catalogue, at 16 light samples and more [2]",
     )  # fmt: skip
     parser.add_argument(
-        "--correct", type=positive, default=520, metavar="C", help="correct renderers [520]"
+        "--correct", type=positive, default=505, metavar="C", help="correct renderers [505]"
+    )
+    parser.add_argument(
+        "--reduced", action="store_true", help="the few of the tests: a minute instead of 25"
     )
 
 
@@ -33,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     from compare.check.calibration import study
 
     out: Path = options.out
-    found = study(out, options.cases, options.correct)
+    found = study(out, options.cases, options.correct, options.reduced)
     right, detected, first, unknown = (
         found[key] for key in ("correct", "detected", "named", "unknown")
     )

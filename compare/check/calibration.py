@@ -64,7 +64,7 @@ COMMON = (
     ("weight", "pdf_times_cos"), ("weight", "no_light_cosine"), ("weight", "cos_of_cos_receiver"),
     ("weight", "distance_not_squared"), ("scale", "area_3"), ("scale", "normal_not_normalised"),
     ("scale", "area_omitted"), ("average", "n_no_effect"), ("average", "not_divided_by_n"),
-    ("average", "running_half"), ("average", "break_first"), ("visibility", "apart"),
+    ("average", "running_half"), ("average", "break_first"), ("visibility", "to_centre"),
     ("visibility", "offset_0_1"), ("visibility", "offset_0_5"), ("visibility", "to_corner"),
     ("lights", "averaged_over_lights"), ("lights", "divided_inside_light_loop"),
     ("colour", "flat_colour_squared"), ("output", "ambient_0_1"), ("output", "acne_0_9"),
@@ -132,7 +132,51 @@ def draw(cases: int, correct: int, seed: int = 1) -> list[Specimen]:
             low = i >= cases
             found.append(_mistaken(rng, "single", variant, scenes[(start + i) % len(scenes)], low))
     found += _pairs(rng, table, max(cases // 2, 1))
-    found += _left_out(rng, table, every)
+    found += _left_out(rng, table, every, max(cases // 2, 1))
+    return found
+
+
+FEW = (
+    ("domain", "diagonal"), ("domain", "corner"), ("weight", "pdf_times_cos"),
+    ("weight", "cos_of_cos_receiver"), ("scale", "area_3"), ("average", "n_no_effect"),
+    ("average", "not_divided_by_n"), ("average", "break_first"), ("visibility", "to_centre"),
+    ("visibility", "offset_0_3"), ("visibility", "none"), ("output", "ambient_0_1"),
+)  # fmt: skip
+FEW_PAIRS = ((0, 4), (3, 5), (2, 9), (4, 7), (2, 11))
+FEW_LEFT_OUT = (2, 3, 7, 11)
+
+
+def few(correct: int = 40, seed: int = 1) -> list[Specimen]:
+    """What tests take: FEW, pairs of them, some left out, and correct renderers, of one scene and
+    its simplest rays."""
+    rng = np.random.default_rng(seed)
+    choices = catalogue().choices
+    ones = [Variant().replaced(choices[key]) for key in FEW]
+    twos = [ones[a].replaced(choices[FEW[b]]) for a, b in FEW_PAIRS]
+    found: list[Specimen] = []
+    while len(found) < correct:
+        specimen = replace(_correct(rng), shape=SIZES[0], scene="tp3", fov_y_deg=60.0)
+        if (
+            specimen.ray_max_distance == 100
+            and specimen.divisor == 0
+            and specimen.counts[0][0] < 256
+        ):
+            if specimen.position is None or specimen.position[0] < 1:
+                found.append(specimen)
+    for variant in (*ones, *twos):
+        kind = "single" if len(variant.wrong) == 1 else "pair"
+        specimen = replace(_mistaken(rng, kind, variant, "tp3", False), shape=SIZES[0])
+        place = (0.5, 0.5) if rng.random() < 0.5 else (0.0, 0.0)
+        found.append(
+            replace(
+                specimen, position=place, divisor=0, fov_y_deg=60.0, counts=((16, 1),), fitted=True
+            )
+        )
+    for i in FEW_LEFT_OUT:
+        found.append(
+            Specimen("left out", "tp3", ("mistakes",), ones[i], SIZES[0], ((64, 1),),
+                     without=ones[i].mistakes[0])
+        )  # fmt: skip
     return found
 
 
@@ -158,7 +202,7 @@ def _mistaken(
 
 
 def _size(rng: np.random.Generator) -> tuple[int, int]:
-    return SIZES[int(rng.choice(3, p=[0.78, 0.15, 0.07]))]
+    return SIZES[int(rng.choice(3, p=[0.86, 0.1, 0.04]))]
 
 
 def _with_nuisances(rng: np.random.Generator, specimen: Specimen) -> Specimen:
@@ -174,8 +218,10 @@ def _with_nuisances(rng: np.random.Generator, specimen: Specimen) -> Specimen:
     ]
     position, divisor, _ = places[int(rng.choice(len(places), p=[p for *_, p in places]))]
     shifted = position is not None and position[0] > 1  # with the scene's field of view only
-    wide = not shifted and rng.random() < 0.25
-    file = str(rng.choice(["png", "bmp", "jpg 100", "jpg 90", "exr"], p=[0.5, 0.05, 0.15, 0.15, 0.15]))
+    wide = not shifted and rng.random() < 0.15
+    file = str(
+        rng.choice(["png", "bmp", "jpg 100", "jpg 90", "exr"], p=[0.5, 0.05, 0.15, 0.15, 0.15])
+    )
     encodings = ["truncated", "rounded", "truncated 256", "sRGB", "gamma 2.2"]
     return replace(
         specimen,
@@ -202,12 +248,12 @@ def _correct(rng: np.random.Generator) -> Specimen:
         rng, Specimen("correct", str(rng.choice(SCENES)), maker, Variant(), _size(rng), ((16, 1),))
     )
     n = int(rng.choice([1, 4, 16, 64, 256], p=[0.15, 0.2, 0.3, 0.25, 0.1]))
-    m = int(rng.choice([1, 4, 16], p=[0.75, 0.15, 0.1]))
+    m = int(rng.choice([1, 4, 16], p=[0.8, 0.12, 0.08]))
     if maker[0] == "numpy":
         n = min(n, 64)
     n = min(n, 256 // m)
     counts: tuple[tuple[int, int], ...] = ((n, m),)
-    if rng.random() < 0.12:
+    if rng.random() < 0.08:
         counts = ((1, 1), (4, 1), (16, 1), (64, 1), (4, 4))[: int(rng.integers(2, 6))]
     if maker[0] == "library":
         specimen = replace(specimen, position=(0.5, 0.5), divisor=0)
@@ -239,7 +285,9 @@ def _pairs(
     possible = []
     for a, b in itertools.combinations(COMMON, 2):
         variant = Variant().replaced(choices[a]).replaced(choices[b])
-        scenes = [s for s in SCENES if min(table.get((s, a[1]), 0), table.get((s, b[1]), 0)) >= CLEAR]
+        scenes = [
+            s for s in SCENES if min(table.get((s, a[1]), 0), table.get((s, b[1]), 0)) >= CLEAR
+        ]
         if a[0] != b[0] and sensible(variant) and len(variant.mistakes) == 2 and scenes:
             possible.append((variant, scenes))
     found = []
@@ -252,16 +300,19 @@ def _pairs(
 
 
 def _left_out(
-    rng: np.random.Generator, table: dict[tuple[str, str], float], every: dict[str, Variant]
+    rng: np.random.Generator,
+    table: dict[tuple[str, str], float],
+    every: dict[str, Variant],
+    cases: int,
 ) -> list[Specimen]:
-    """Each name twice: a choice of it, and the catalogue without the name."""
+    """Each name `cases` times: a choice of it, and the catalogue without the name."""
     by_name: dict[str, list[tuple[Variant, str]]] = {}
     for text, variant in every.items():
         scenes = [s for s in SCENES if table.get((s, text), 0.0) >= CLEAR]
         by_name.setdefault(variant.mistakes[0], []).extend((variant, s) for s in scenes)
     found = []
     for name, possible in by_name.items():
-        for _ in range(2 if possible else 0):
+        for _ in range(cases if possible else 0):
             variant, scene = possible[int(rng.integers(len(possible)))]
             n = int(rng.choice([16, 64]))
             m = 16 if variant.clamp == "per_pixel_sample" else 1
@@ -290,7 +341,8 @@ class Bench:
             single = next((p for p in pictures if p.samples_per_pixel == 1), None)
             first = fit_grid(single, scene) if single else None
             grids = [
-                first if first and p.samples_per_pixel == 1 else fit_grid(p, scene) for p in pictures
+                first if first and p.samples_per_pixel == 1 else fit_grid(p, scene)
+                for p in pictures
             ]
         else:
             grids = [(specimen.grid(p.samples_per_pixel), 0) for p in pictures]
@@ -352,7 +404,14 @@ def judged(
     """Each with what was said of it, those of the same rays one after another."""
     ordered = sorted(
         specimens,
-        key=lambda s: (s.scene, s.shape, s.fov_y_deg, s.divisor, str(s.position), s.ray_max_distance),
+        key=lambda s: (
+            s.scene,
+            s.shape,
+            s.fov_y_deg,
+            s.divisor,
+            str(s.position),
+            s.ray_max_distance,
+        ),
     )
     tasks = [(specimen, folder) for specimen in ordered]
     if jobs == 1:
@@ -363,11 +422,13 @@ def judged(
         yield from zip(ordered, pool.map(_judge, tasks, chunksize=6), strict=True)
 
 
-def study(out: Path, cases: int, correct: int, jobs: int = JOBS) -> dict[str, Any]:
+def study(
+    out: Path, cases: int, correct: int, reduced: bool = False, jobs: int = JOBS
+) -> dict[str, Any]:
     """Draw, judge, sum up, write. A run that was stopped goes on where it was.
 
     Raises MissingProgramError, JournalError, OSError."""
-    specimens = draw(cases, correct)
+    specimens = few() if reduced else draw(cases, correct)
     own = sorted((ROOT / "compare" / "check").glob("*.py"))
     version = file_hash(*own, FILE, LIBRARY)[:12]
     records = []
@@ -384,7 +445,10 @@ def study(out: Path, cases: int, correct: int, jobs: int = JOBS) -> dict[str, An
                 records.append((s, value))
                 progress.update()
         result = summary(records)
-        result["settings"] = {"cases": cases, "correct": correct, "scenes": SCENES}
+        result["settings"] = {
+            **{"cases": cases, "correct": correct, "reduced": reduced, "scenes": SCENES},
+            "pictures": len(records),
+        }
         result["alike"] = alike()
         result["hidden"] = hidden()
         result = {"origin": origin(), **result}
@@ -483,10 +547,7 @@ def summary(records: Sequence[tuple[Specimen, dict[str, Any]]]) -> dict[str, Any
         },
         "confusion": confusion([*right, *shown]),
         "unknown": left_out(out),
-        "wrong": [
-            _case(s, said)
-            for s, said in [*accused, *(r for r in shown if r not in first)]
-        ],
+        "wrong": [_case(s, said) for s, said in [*accused, *(r for r in shown if r not in first)]],
         "wrong_pairs": [_case(s, said) for s, said in two if not named(s, said)],
         "left_out": [_case(s, said) for s, said in out if UNKNOWN not in said["mistakes"]],
     }
@@ -521,7 +582,9 @@ def _by(records: Sequence[tuple[Specimen, dict[str, Any]]], what: Any) -> dict[s
 
 def confusion(records: Sequence[tuple[Specimen, dict[str, Any]]]) -> dict[str, Any]:
     """rows: what was made; columns: what was said"""
-    counts = Counter((" + ".join(s.variant.mistakes) or RIGHT_, column(s, said)) for s, said in records)
+    counts = Counter(
+        (" + ".join(s.variant.mistakes) or RIGHT_, column(s, said)) for s, said in records
+    )
     names = [RIGHT_, *catalogue().mistakes]
     last = [CANNOT_TELL, UNKNOWN, "with another"]
     rows = [name for name in names if any(row == name for row, _ in counts)]
@@ -560,7 +623,9 @@ def alike(limit: float = 4.0) -> list[list[str]]:
     views = {scene: plain_view(scene) for scene in SCENES}
     found: dict[tuple[str, str], str] = {}
     told: dict[tuple[str, str], str] = {}
-    variants = [v for v in mistaken(SCENES[0]) if v["average"].macro != SPLIT or v.visibility == RIGHT]
+    variants = [
+        v for v in mistaken(SCENES[0]) if v["average"].macro != SPLIT or v.visibility == RIGHT
+    ]
     means = {}
     for v in variants:
         part = views[SCENES[0]].part(PARTS, COARSE_GRID)

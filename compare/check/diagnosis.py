@@ -245,7 +245,8 @@ class _Search:
                 self.try_all(pairs(seed, self.scenes, self.many, self.without))
         elif best.mistakes:
             for seed in [v for v in self.ordered() if v.mistakes][:2]:
-                self.try_all(pairs(replace(seed, factor=1.0), self.scenes, self.many))
+                less = replace(seed, factor=1.0)
+                self.try_all(pairs(less, self.scenes, self.many, self.without))
         best = self.ordered()[0]
         while len(best.mistakes) > 1 and self.looseness(self.parts, best)[1] > ACCUSED / PARTS:
             self.try_all(pairs(best, self.scenes, self.many, self.without))

@@ -192,7 +192,9 @@ def _textbook(specimen: Specimen, scene: Scene, place: Any, n: int, draw: Any) -
             s, t = draw((2, len(lit)))
             way = corner + s[:, None] * u + t[:, None] * v - point
             distance2 = np.einsum("ij,ij->i", way, way)
-            cosines = np.maximum(np.einsum("ij,ij->i", way, normal), 0) * np.maximum(way @ facing, 0)
+            cosines = np.maximum(np.einsum("ij,ij->i", way, normal), 0) * np.maximum(
+                way @ facing, 0
+            )
             total += cosines / distance2**2 * _seen(scene, origin, point + way - origin)
         light_in += total[:, None] * np.asarray(light.radiance, kind) * kind.type(light.area / n)
     brdf = np.array([thing.brdf for thing in scene.objects])[lit.object_id]
