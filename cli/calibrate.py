@@ -15,8 +15,8 @@ def add(subcommands: Subcommands) -> None:
         subcommands,
         "calibrate",
         run,
-        "How often `penumbra check` is wrong: pictures of correct renderers and of every mistake, in "
-        "every form that students save, and what is said of each. A run that was stopped goes on.",
+        "How often `penumbra check` is wrong: pictures of correct renderers and of every mistake,\n"
+        "in every form that students save, and what is said of each. A run that was stopped goes on.",
         "penumbra calibrate -o docs/calibration.json",
     )
     add_out(parser, "OUT.json", plain(named(".json")))
@@ -28,7 +28,7 @@ def add(subcommands: Subcommands) -> None:
         "--correct", type=positive, default=505, metavar="C", help="correct renderers [505]"
     )
     parser.add_argument(
-        "--reduced", action="store_true", help="the few of the tests: a minute instead of 25"
+        "--reduced", action="store_true", help="the few of the tests: a minute instead of 15"
     )
 
 
@@ -46,7 +46,9 @@ def run(options: argparse.Namespace) -> int:
     )
     print(f"found: {detected['found']} of {detected['n']} mistakes that show at N >= 16")
     print(f"named: {first['first']} of {first['n']}")
-    print(f"not in the catalogue: {unknown['unknown']} unknown, {unknown['nearest']} of another name, "
-          f"of {unknown['n']}")  # fmt: skip
+    print(
+        f"not in the catalogue: {unknown['unknown']} of {unknown['n']} unknown, "
+        f"{unknown['nearest']} given another name"
+    )
     print(f"written: {out}")
     return PASS

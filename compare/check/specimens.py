@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from hashlib import sha256
@@ -24,8 +23,8 @@ from compare.run.provenance import ROOT
 from compare.scene import QuadLight, Scene, read_scene
 
 Maker = tuple[str, ...]
-"""("mistakes",): the library of mistakes; ("library", precision, sampler, estimator): the C renderer;
-("numpy", generator, precision): a third, here"""
+"""("mistakes",): the library of mistakes; ("library", precision, sampler, estimator): the C
+renderer; ("numpy", generator, precision): a third, here"""
 GENERATORS = ("MT19937", "PCG64", "Philox", "SFC64", "15 bits")
 """numpy's, and one of 32768 different numbers, both ends among them, as rand() of some systems"""
 

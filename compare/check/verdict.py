@@ -410,7 +410,7 @@ def _settle(
 
 SHOWN_BY = {
     "tp3_sheared.json": ("area_by_norms",),
-    "tp3_two_lights.json": (
+    "tp3_two_quads.json": (
         "divided_inside_light_loop",
         "averaged_over_lights",
         "only_one_light",
