@@ -16,7 +16,7 @@ def add(subcommands: Subcommands) -> None:
         "calibrate",
         run,
         "How often `penumbra check` is wrong: pictures of correct renderers and of every mistake,\n"
-        "in every form that students save, and what is said of each. A run that was stopped goes on.",
+        "in every form that students save, and what is said of each. A stopped run goes on.",
         "penumbra calibrate -o docs/calibration.json",
     )
     add_out(parser, "OUT.json", plain(named(".json")))

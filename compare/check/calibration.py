@@ -251,7 +251,9 @@ def _correct(rng: np.random.Generator) -> Specimen:
     counts: tuple[tuple[int, int], ...] = ((n, m),)
     if rng.random() < 0.08:
         counts = ((1, 1), (4, 1), (16, 1), (64, 1), (4, 4))[: int(rng.integers(2, 6))]
-    if maker[0] == "library":
+    jittered = bool(rng.random() < 0.5)
+    # several rays through one place are looked for in the middle of the pixel
+    if maker[0] == "library" or (maker[0] == "numpy" and not jittered and counts[-1][1] > 1):
         specimen = replace(specimen, position=(0.5, 0.5), divisor=0)
         if maker[3] == "solid-angle" and "sheared" in specimen.scene:
             maker = (*maker[:3], "area")
@@ -259,7 +261,7 @@ def _correct(rng: np.random.Generator) -> Specimen:
         specimen,
         maker=maker,
         counts=counts,
-        jittered=bool(rng.random() < 0.5),
+        jittered=jittered,
         power=_power(rng, specimen.scene),
         ray_max_distance=float(rng.choice([75, 150, 200, 1000])) if rng.random() < 0.3 else 100.0,
         turn=int(rng.integers(4)),

@@ -199,7 +199,14 @@ class _Search:
             self.scored[variant] = PARTS * said - self.price(variant)
 
     def _is_power(self, variant: Variant) -> bool:
-        return not self.power_known and variant.scale in POWER_OR
+        """Whether it is no more than half or twice the power, where that is not known."""
+        if self.power_known or len(variant.wrong) != 1:
+            return not self.power_known and variant.scale in POWER_OR
+        light = self.scenes[0].lights[surface_lights(self.scenes[0])[0]]
+        factors = [constant(variant, light, v.picture.nb_light_samples) for v in self.views]
+        return variant.scale in POWER_OR or any(
+            all(k is not None and abs(k / power - 1) < KNOWN for k in factors) for power in POWERS
+        )
 
     def with_factor(self, variant: Variant) -> Variant:
         """With the brightness that fits best, unless a known mistake has that one."""

@@ -161,7 +161,7 @@ def _drawing(generator: str, seed: int, kind: np.dtype[Any]) -> Any:
     """draw(shape): random numbers in [0, 1]"""
     if generator == "15 bits":
         coarse = np.random.default_rng(seed)
-        return lambda shape: (coarse.integers(0, 32768, shape) / 32767).astype(kind)
+        return lambda shape: np.asarray(coarse.integers(0, 32768, shape) / 32767, kind)
     bits = np.random.Generator(getattr(np.random, generator)(seed))
     return lambda shape: bits.random(shape, dtype=kind.type)
 

@@ -149,7 +149,9 @@ def _decide(
         return CANNOT_TELL, (), (), False
     if unexplained:
         off = named or diagnosis.loose >= NEAR
-        well = WELL * max(_misfit(lead, top), 1e-9)
+        # and not by being only a darker or brighter light
+        dimmed = Variant(factor=lead.best_factor(Variant()))
+        well = WELL * max(min(_misfit(lead, top), _misfit(lead, dimmed)), 1e-9)
         if off and light is not None and light.misfit < min(3, well):
             quiet = [r.noise for r in _regions(lead, Variant()) if r.noise > 0]
             name = "quad_parametrisation_wrong"

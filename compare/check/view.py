@@ -35,6 +35,8 @@ RELATIVE, NOISE = 2e-3, 0.15
 """Tolerance of the mean, relative; of the noise's variance, as a logarithm"""
 SMOOTHED = 0.35
 """What halved colours leave of a pure colour's noise, about: a coarse JPEG's noise says little"""
+SLOPE_GRID = 6
+"""Squared, points of the light by which the slope of a penumbra is known"""
 FEW = 6
 """Pixels without which a cell tells no noise"""
 
@@ -382,15 +384,19 @@ def _busy(scene: Scene, scene_file: Path, hits: object, usable: np.ndarray) -> n
 
 def _slope(scene: Scene, scene_file: Path, sites: Sites) -> np.ndarray:
     """(dE/dx)^2 + (dE/dy)^2 over 12 E^2: relative variance of the irradiance under a uniform place
-    in the pixel, lights taken at their middle."""
+    in the pixel: of a penumbra at many light samples it is most of the noise."""
     points = sites.receivers.point
     around = []
     for shift in (sites.right, -sites.right, sites.down, -sites.down):
-        moved = Sites(replace(sites.receivers, point=points + shift), sites.right, sites.down)
+        at, normal = points + shift, sites.receivers.normal.copy()
+        for i, sphere in enumerate(scene.spheres):
+            on = (sites.receivers.object_id == i) & ~sites.receivers.inside
+            normal[on] = (at[on] - np.asarray(sphere.center)) / sphere.radius
+        moved = Sites(replace(sites.receivers, point=at, normal=normal), sites.right, sites.down)
         total = np.zeros(len(points))
         for light in surface_lights(scene):
-            total += Moments(scene_file, light, moved, 1)["centre", "none", "std"][1]
+            total += Moments(scene_file, light, moved, SLOPE_GRID)["std", "std", "std"][1]
         around.append(np.maximum(total, 1e-9))
     middle = sum(around) / 4
     across, down = (around[0] - around[1]) / middle, (around[2] - around[3]) / middle
-    return np.minimum((across**2 + down**2) / 12, 0.05)
+    return np.minimum((across**2 + down**2) / 12, 0.3)
