@@ -255,8 +255,8 @@ def _correct(rng: np.random.Generator) -> Specimen:
     # several rays through one place are looked for in the middle of the pixel
     if maker[0] == "library" or (maker[0] == "numpy" and not jittered and counts[-1][1] > 1):
         specimen = replace(specimen, position=(0.5, 0.5), divisor=0)
-        if maker[3] == "solid-angle" and "sheared" in specimen.scene:
-            maker = (*maker[:3], "area")
+    if maker[-1] == "solid-angle" and "sheared" in specimen.scene:
+        maker = (*maker[:3], "area")
     return replace(
         specimen,
         maker=maker,
