@@ -143,7 +143,7 @@ FEW = (
     ("visibility", "offset_0_3"), ("visibility", "none"), ("output", "ambient_0_1"),
 )  # fmt: skip
 FEW_PAIRS = ((0, 4), (3, 5), (2, 9), (4, 7), (2, 11))
-FEW_LEFT_OUT = (2, 3, 7, 11)
+FEW_LEFT_OUT = (2, 3, 5, 11)
 
 
 def few(correct: int = 40, seed: int = 1) -> list[Specimen]:
@@ -163,6 +163,8 @@ def few(correct: int = 40, seed: int = 1) -> list[Specimen]:
         kind = "single" if len(variant.wrong) == 1 else "pair"
         specimen = replace(_mistaken(rng, kind, variant, "tp3", False), shape=SIZES[0])
         place = (0.5, 0.5) if rng.random() < 0.5 else (0.0, 0.0)
+        if specimen.file == "jpg 90":  # hardly tells noise
+            specimen = replace(specimen, file="jpg 100")
         found.append(
             replace(
                 specimen, position=place, divisor=0, fov_y_deg=60.0, counts=((16, 1),), fitted=True
