@@ -222,6 +222,11 @@ build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/stud
     scenes/tp3.json $(SELF_SHADOW)
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
+## calibrate : how often `penumbra check` is wrong, docs/calibration.json: 15 minutes
+.PHONY: calibrate
+calibrate: build
+	$(PENUMBRA) calibrate -o docs/calibration.json
+
 # The shadow along a line, under each light.
 build/lights/profile.json: scenes/tp3.json $(LIGHTS:%=scenes/%.json) $(COMPARE) | build/setup.run
 	$(PENUMBRA) profile $(filter %.json,$^) -o $@

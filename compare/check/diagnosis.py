@@ -29,13 +29,15 @@ from compare.scene import QuadLight, Scene
 
 TEMPER = 0.5
 """Cells are not quite independent of each other: what a log-likelihood counts"""
-PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 10.0, 40.0, 20.0, 45.0
+PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 25.0, 60.0, 25.0, 45.0
 """Of one mistake, of two, of every further one, of an unexplained brightness beside a mistake, in
 units of the tempered log-likelihood"""
+PRICE_DIFFUSE = 60.0
+"""More for random numbers that pixels share, which explain nearly any mean"""
 PRICE_PICTURE_ONE, PRICE_PICTURE_TWO = 5.0, 25.0
 """More for every picture beyond the first"""
 ACCUSED = 15.0
-"""Gain over `right` from which a picture is called wrong: with the price, odds of e^-25"""
+"""Gain over `right` from which a picture is called wrong: with the price, odds of e^-40"""
 LOOSE = (0.005, 0.01, 0.02, 0.05, 0.1, 0.3)
 """How far, relative, the mean may be off where no hypothesis holds"""
 POWERS = (0.5, 2.0)
@@ -46,6 +48,10 @@ KNOWN = 0.008
 """A brightness as near as this, relative, to a known mistake's is that mistake"""
 PARTS = 6
 COARSE_GRID, FINE_GRID = 8, 12
+FEW_CELLS = 0.03
+"""Of the cells that may be anything, where it is asked whether a hypothesis explains all of them"""
+LOCAL = 30.0
+"""Gain of that from which it does not: those that hold stay below 15 or so"""
 FINALISTS, FAR_BEHIND = 12, 80.0
 SEEDS = 8
 MOST_MISTAKES = 4
@@ -84,6 +90,8 @@ class Diagnosis:
     hidden: tuple[str, ...]
     """mistakes that would not show in these pictures"""
     light: FreeLight | None = None
+    local: float = 0.0
+    """gain in score of letting a few cells be anything"""
 
 
 @dataclass(frozen=True)
@@ -134,17 +142,18 @@ def _fit_like(
     return fit_grid(picture, scene)
 
 
-def diagnose(views: Sequence[View], power_known: bool = False) -> Diagnosis:
+def diagnose(views: Sequence[View], power_known: bool = False, without: str = "") -> Diagnosis:
     """power_known: the scene's power is what the program was given, so that a wrong brightness is a
-    fault. Raises MissingProgramError."""
-    search = _Search(views, power_known)
+    fault; without: a mistake that is not looked for, so that calibration can tell what becomes of
+    one that the catalogue lacks. Raises MissingProgramError."""
+    search = _Search(views, power_known, without)
     search.coarse()
     return search.fine()
 
 
 class _Search:
-    def __init__(self, views: Sequence[View], power_known: bool) -> None:
-        self.views, self.power_known = list(views), power_known
+    def __init__(self, views: Sequence[View], power_known: bool, without: str) -> None:
+        self.views, self.power_known, self.without = list(views), power_known, without
         self.scenes = list({id(view.scene): view.scene for view in views}.values())
         self.many = any(view.picture.samples_per_pixel > 1 for view in views)
         parts: dict[int, View] = {}
@@ -161,7 +170,7 @@ class _Search:
 
     def score(self, views: list[View], variant: Variant, loose: float = 0.0) -> float:
         total = sum(
-            share * view.loglik(variant, spared_noise=not variant.mistakes, loose=loose)
+            share * view.loglik(variant, _may_be_quiet(variant), loose)
             for share, view in zip(self.shares, views, strict=True)
         )
         return TEMPER * total - self.price(variant)
@@ -171,6 +180,8 @@ class _Search:
         price = 0.0
         if number == 1:
             price = PRICE_ONE + PRICE_PICTURE_ONE * more
+            if variant.generator != RIGHT:
+                price += PRICE_DIFFUSE
         elif number:
             price = PRICE_TWO + PRICE_PICTURE_TWO * more + PRICE_MORE * (number - 2)
         if variant.factor != 1:
@@ -188,7 +199,14 @@ class _Search:
             self.scored[variant] = PARTS * said - self.price(variant)
 
     def _is_power(self, variant: Variant) -> bool:
-        return not self.power_known and variant.scale in POWER_OR
+        """Whether it is no more than half or twice the power, where that is not known."""
+        if self.power_known or len(variant.wrong) != 1:
+            return not self.power_known and variant.scale in POWER_OR
+        light = self.scenes[0].lights[surface_lights(self.scenes[0])[0]]
+        factors = [constant(variant, light, v.picture.nb_light_samples) for v in self.views]
+        return variant.scale in POWER_OR or any(
+            all(k is not None and abs(k / power - 1) < KNOWN for k in factors) for power in POWERS
+        )
 
     def with_factor(self, variant: Variant) -> Variant:
         """With the brightness that fits best, unless a known mistake has that one."""
@@ -200,10 +218,12 @@ class _Search:
     @cached_property
     def known(self) -> list[float]:
         """The constant factors of the catalogue, for these pictures."""
-        light = self.views[0].scene.lights[surface_lights(self.views[0].scene)[0]]
+        lights = surface_lights(self.views[0].scene)
+        light = self.views[0].scene.lights[lights[0]]
         n = self.views[self.lead].picture.nb_light_samples
-        own = [v for v in singles(self.scenes, self.many) if v.wrong and not self._is_power(v)]
-        return [k for v in own if (k := constant(v, light, n)) is not None and k > 0]
+        own = [v for v in singles(self.scenes, self.many, self.without) if v.wrong and not self._is_power(v)]
+        found = [k for v in own if (k := constant(v, light, n)) is not None and k > 0]
+        return [*found, 1 / len(lights)] if len(lights) > 1 else found
 
     @property
     def lead(self) -> int:
@@ -219,7 +239,7 @@ class _Search:
     # -- search
 
     def coarse(self) -> None:
-        ones = singles(self.scenes, self.many)
+        ones = singles(self.scenes, self.many, self.without)
         self.try_all([Variant(), *ones])
         self.try_all([self.with_factor(Variant())])
         best = self.ordered()[0]
@@ -229,13 +249,14 @@ class _Search:
             self.try_all([self.with_factor(v) for v in shapes])
             seeds = list(dict.fromkeys(replace(v, factor=1.0) for v in self.ordered() if v.mistakes))
             for seed in seeds[:SEEDS]:
-                self.try_all(pairs(seed, self.scenes, self.many))
+                self.try_all(pairs(seed, self.scenes, self.many, self.without))
         elif best.mistakes:
             for seed in [v for v in self.ordered() if v.mistakes][:2]:
-                self.try_all(pairs(replace(seed, factor=1.0), self.scenes, self.many))
+                less = replace(seed, factor=1.0)
+                self.try_all(pairs(less, self.scenes, self.many, self.without))
         best = self.ordered()[0]
         while len(best.mistakes) > 1 and self.looseness(self.parts, best)[1] > ACCUSED / PARTS:
-            self.try_all(pairs(best, self.scenes, self.many))
+            self.try_all(pairs(best, self.scenes, self.many, self.without))
             better = self.ordered()[0]
             if better == best or len(better.mistakes) > MOST_MISTAKES:
                 break
@@ -249,6 +270,23 @@ class _Search:
         own = self.score(views, variant)
         gain, loose = max((self.score(views, variant, loose) - own, loose) for loose in LOOSE)
         return (loose, gain) if gain > 0 else (0.0, gain)
+
+    def local(self, variant: Variant) -> float:
+        """What it gains in score if a few cells may be anything."""
+        total = 0.0
+        for share, view in zip(self.shares, self.views, strict=True):
+            found = view.statistics(view.predict(variant))
+            own = view.loglik_of(found, _may_be_quiet(variant))
+            free = view.loglik_of(
+                replace(
+                    found,
+                    residual_variance=found.residual_variance + 0.1**2,
+                    noise_variance=found.noise_variance + 4,
+                )
+            )
+            mixed = np.logaddexp(own + math.log(1 - FEW_CELLS), free + math.log(FEW_CELLS))
+            total += share * (mixed - own).sum()
+        return TEMPER * float(total)
 
     def fine(self) -> Diagnosis:
         ordered = self.ordered()
@@ -284,6 +322,7 @@ class _Search:
             self._alike(top),
             self._hidden(top),
             light,
+            self.local(top),
         )
 
     def free_light(self) -> FreeLight | None:
@@ -327,7 +366,7 @@ class _Search:
     def _hidden(self, top: Variant) -> tuple[str, ...]:
         """Names, none of whose choices would show as an addition to the best one."""
         shown: dict[str, bool] = {}
-        for variant in singles(self.scenes, True) if not top.mistakes else ():
+        for variant in singles(self.scenes, True, self.without) if not top.mistakes else ():
             for choice in variant.wrong:
                 seen = _usable(choice, self.scenes, self.many) and self._apart(variant, top) > (
                     ACCUSED + PRICE_ONE
@@ -375,26 +414,37 @@ def _widened(variant: Variant) -> list[Variant]:
     return [variant]
 
 
-def singles(scenes: Sequence[Scene], many: bool = True) -> list[Variant]:
+def singles(scenes: Sequence[Scene], many: bool = True, without: str = "") -> list[Variant]:
     """One choice of the catalogue each, sound ones included."""
     return [
         variant
         for choice in catalogue().choices.values()
-        if choice.name != RIGHT and _usable(choice, scenes, many)
+        if choice.name != RIGHT and (not without or choice.mistake != without)
+        and _usable(choice, scenes, many)
         for variant in _widened(Variant().replaced(choice))
     ]
 
 
-def pairs(variant: Variant, scenes: Sequence[Scene], many: bool = True) -> list[Variant]:
+def pairs(
+    variant: Variant, scenes: Sequence[Scene], many: bool = True, without: str = ""
+) -> list[Variant]:
     """With one mistake more, of another module."""
     return [
         widened
         for choice in catalogue().choices.values()
-        if choice.mistake and getattr(variant, choice.module) in (RIGHT, "offset_0", "offset_0_01")
+        if choice.mistake and choice.mistake != without and getattr(variant, choice.module) in (RIGHT, "offset_0", "offset_0_01")
         and _usable(choice, scenes, many)
         and _sensible(two := variant.replaced(choice))
         for widened in _widened(two)
     ]
+
+
+def _may_be_quiet(variant: Variant) -> bool:
+    """Whether noise that is lower than foretold by one factor is only a better sampler's: unless
+    what it gets wrong is the noise itself."""
+    ray = variant["visibility"]
+    loud = ray.field("lost") or ray.field("apart") or variant["output"].field("acne")
+    return variant.average == RIGHT and variant.generator == RIGHT and not loud
 
 
 def constant(variant: Variant, light: Any, n: int) -> float | None:
@@ -424,8 +474,8 @@ def _sensible(variant: Variant) -> bool:
             or variant.clamp == "per_light_sample" or variant.generator != RIGHT
         ):
             return False
-    if variant.generator != RIGHT and variant.domain != RIGHT:
-        return False
+    if variant.generator != RIGHT:  # with another mistake nearly every picture would be possible
+        return len(variant.wrong) == 1
     if variant.scale == "normal_reversed":
         return len(variant.wrong) == 1
     return True

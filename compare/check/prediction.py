@@ -40,6 +40,8 @@ class Law:
     variance: np.ndarray
     correlation: str = "NONE"
     """which pixels share their random numbers: NONE, ALL, or those of a ROW"""
+    rare: float = 0.0
+    """the share of the pixels that most of the variance is of, if it is small; else 0"""
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def predict(
     if acne:  # a part of the pixels black, the same for all samples
         kept = 1 - acne
         mean, var = kept * mean, kept * (var + mean**2) - (kept * mean) ** 2
-    return Law(mean, var, variant["generator"].arguments[0])
+    return Law(mean, var, variant["generator"].arguments[0], acne)
 
 
 def brightness(light: object, variant: Variant, n: int) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from compare.check.catalogue import RIGHT, Mistake, Variant, catalogue
-from compare.check.diagnosis import ACCUSED, PRICE_ONE, TEMPER, Diagnosis, constant
+from compare.check.diagnosis import ACCUSED, LOCAL, PRICE_ONE, TEMPER, Diagnosis, constant
 from compare.check.grid import Grid
 from compare.check.prediction import surface_lights
 from compare.check.view import NU, View
@@ -22,6 +22,8 @@ UNKNOWN = "unknown"
 """The name of what is wrong in no way of the catalogue"""
 STRANGE = 0.3
 """Unexplained pixels per pixel of outline from which a picture shows another scene"""
+DESPITE = 300.0
+"""Gain from which a mistake is named even so: what another scene does to the light is less"""
 BLIND = 0.1
 """A check that would miss a brightness off by so much says nothing"""
 WELL = 0.4
@@ -138,13 +140,19 @@ def _decide(
     top = diagnosis.best.variant
     gain = diagnosis.best.score - diagnosis.right.score
     coarse = lead.picture.jpeg == "coarse"
-    unexplained = diagnosis.unexplained > ACCUSED
     named = bool(top.mistakes) and gain > ACCUSED
+    unexplained = diagnosis.unexplained > ACCUSED
+    if named:
+        unexplained |= diagnosis.unexplained > ACCUSED / 3 or diagnosis.local > LOCAL
     light = diagnosis.light
-    if strange and not (named and not unexplained):
+    if strange and not (named and not unexplained and gain > DESPITE):
         return CANNOT_TELL, (), (), False
     if unexplained:
-        if light is not None and light.misfit < 3 and light.misfit < WELL * max(_misfit(lead, top), 1e-9):
+        off = named or diagnosis.loose >= NEAR
+        # and not by being only a darker or brighter light
+        dimmed = Variant(factor=lead.best_factor(Variant()))
+        well = WELL * max(min(_misfit(lead, top), _misfit(lead, dimmed)), 1e-9)
+        if off and light is not None and light.misfit < min(3, well):
             quiet = [r.noise for r in _regions(lead, Variant()) if r.noise > 0]
             name = "quad_parametrisation_wrong"
             if light.inside > 0.95 and max(quiet, default=1.0) < 0.3:
@@ -404,7 +412,7 @@ def _settle(
 
 SHOWN_BY = {
     "tp3_sheared.json": ("area_by_norms",),
-    "tp3_two_lights.json": (
+    "tp3_two_quads.json": (
         "divided_inside_light_loop",
         "averaged_over_lights",
         "only_one_light",

@@ -33,6 +33,10 @@ NU = 5.0
 """Student's t: how little a cell that no model explains may weigh"""
 RELATIVE, NOISE = 2e-3, 0.15
 """Tolerance of the mean, relative; of the noise's variance, as a logarithm"""
+SMOOTHED = 0.35
+"""What halved colours leave of a pure colour's noise, about: a coarse JPEG's noise says little"""
+SLOPE_GRID = 6
+"""Squared, points of the light by which the slope of a penumbra is known"""
 FEW = 6
 """Pixels without which a cell tells no noise"""
 
@@ -68,6 +72,7 @@ class View:
         self, picture: Picture, grid: Grid, scene: Scene, scene_file: Path, light_grid: int = 16
     ) -> None:
         self.picture, self.grid, self.scene, self.quick = picture, grid, scene, False
+        self._parts: dict[tuple[int, int], View] = {}  # of all pictures with these rays
         height, width = picture.values.shape[:2]
         self.row, self.column, self.cell = _sites(scene, scene_file, grid, width, height)
         self._look(scene_file, light_grid)
@@ -126,6 +131,8 @@ class View:
 
     def part(self, share: int, light_grid: int) -> View:
         """Every share-th cell, its moments computed anew with light_grid squared points."""
+        if (share, light_grid) in self._parts:
+            return self._parts[share, light_grid].of(self.picture, self.grid)
         which = np.flatnonzero(self.cell % share == 0)
         part = object.__new__(View)
         part.__dict__.update(self.__dict__)
@@ -146,6 +153,7 @@ class View:
             slope=around.slope[which],
         )
         part._count()
+        self._parts[share, light_grid] = part
         return part
 
     def of(self, picture: Picture, grid: Grid) -> View:
@@ -195,13 +203,16 @@ class View:
             shared, inside = self.count, 0.03 * foretold
         elif law.correlation == "ROW":
             shared, inside = np.sqrt(self.count), foretold * (1 - 1 / np.sqrt(self.count))
-        inside = inside + step * (1 - ends)
+        coarse = self.picture.jpeg == "coarse"
+        inside = inside * (SMOOTHED if coarse else 1) + step * (1 - ends)
         floor, absolute = self._tolerances()
         variance_of_mean = foretold * shared / self.count + step * (1 - ends) / self.count
         residual_variance = variance_of_mean + (RELATIVE * shown_mean) ** 2 + absolute**2
         noise = within * self.count / np.maximum(self.count - 1, 1)
         ratio = np.log((noise + floor) / (inside + floor))
-        wide = 1.0 if law.correlation == "ALL" else NOISE**2
+        wide = 1.0 if law.correlation == "ALL" or coarse else NOISE**2
+        if law.rare > 0.01:  # a cell may have none of those pixels, or many
+            wide = wide + np.minimum(1 / (law.rare * np.maximum(self.count, 1)), 1)
         noise_variance = np.where(
             self.count >= FEW, 2 * 1.5 / np.maximum(self.count - 1, 1) + wide, np.inf
         )
@@ -214,7 +225,7 @@ class View:
         if self.picture.quantisation_variance == 0:
             return 1e-8, 1e-4
         jpeg = bool(self.picture.jpeg)
-        return ((1.0 if jpeg else 0.25) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
+        return ((1.0 if jpeg else 0.5) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
 
     def loglik(self, variant: Variant, spared_noise: bool = False, loose: float = 0.0) -> float:
         """Log-likelihood of the picture. spared_noise: noise that is lower than foretold by one
@@ -224,7 +235,7 @@ class View:
             found = replace(
                 found,
                 residual_variance=found.residual_variance
-                + (loose * found.mean) ** 2
+                + (loose * np.maximum(found.mean, found.mean + found.residual)) ** 2
                 + (loose / 30) ** 2,
             )
         return float(self.loglik_of(found, spared_noise).sum())
@@ -257,15 +268,22 @@ class View:
         return float((0.5 * (NU + 1) * (np.log1p(shift / NU) + np.log1p(louder / NU))).sum())
 
     def _spared(self, found: Statistics) -> np.ndarray:
-        """Noise ratios less what they have in common, by kind of cell, where that is low."""
+        """Noise ratios where samples are better spread than random ones: by one factor on their
+        variance where that is large, and one where it is small."""
         ratio = found.noise_ratio
+        floor, _ = self._tolerances()
+        step = np.minimum(self.picture.quantisation_variance, found.foretold_noise)
+        sampled, seen = found.foretold_noise - step, np.maximum(found.noise - step, 0)
         loud = found.foretold_noise > (0.02 * found.mean) ** 2
         for kind in (loud, ~loud):
-            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance)
+            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance) & (sampled > 0)
             if kind.sum() > 10:
-                low = float(np.median(ratio[kind]))
-                if low < math.log(0.8):
-                    ratio = np.where(kind, ratio - low, ratio)
+                factor = float(np.median(seen[kind] / sampled[kind]))
+                spared = np.log((found.noise + floor) / (factor * sampled + step + floor))
+                wide = found.noise_variance[kind] * NU
+                gain = np.log1p(ratio[kind] ** 2 / wide) - np.log1p(spared[kind] ** 2 / wide)
+                if factor < 0.8 and gain.sum() > 0:
+                    ratio = np.where(kind, spared, ratio)
         return ratio
 
     def best_factor(self, variant: Variant) -> float:
@@ -366,15 +384,19 @@ def _busy(scene: Scene, scene_file: Path, hits: object, usable: np.ndarray) -> n
 
 def _slope(scene: Scene, scene_file: Path, sites: Sites) -> np.ndarray:
     """(dE/dx)^2 + (dE/dy)^2 over 12 E^2: relative variance of the irradiance under a uniform place
-    in the pixel, lights taken at their middle."""
+    in the pixel: of a penumbra at many light samples it is most of the noise."""
     points = sites.receivers.point
     around = []
     for shift in (sites.right, -sites.right, sites.down, -sites.down):
-        moved = Sites(replace(sites.receivers, point=points + shift), sites.right, sites.down)
+        at, normal = points + shift, sites.receivers.normal.copy()
+        for i, sphere in enumerate(scene.spheres):
+            on = (sites.receivers.object_id == i) & ~sites.receivers.inside
+            normal[on] = (at[on] - np.asarray(sphere.center)) / sphere.radius
+        moved = Sites(replace(sites.receivers, point=at, normal=normal), sites.right, sites.down)
         total = np.zeros(len(points))
         for light in surface_lights(scene):
-            total += Moments(scene_file, light, moved, 1)["centre", "none", "std"][1]
+            total += Moments(scene_file, light, moved, SLOPE_GRID)["std", "std", "std"][1]
         around.append(np.maximum(total, 1e-9))
     middle = sum(around) / 4
     across, down = (around[0] - around[1]) / middle, (around[2] - around[3]) / middle
-    return np.minimum((across**2 + down**2) / 12, 0.05)
+    return np.minimum((across**2 + down**2) / 12, 0.3)
