@@ -150,27 +150,30 @@ class Search:
         self.power_known, self.many = power_known, False
         self.views: list[View] = []
         self.parts: list[View] = []
-        """every PARTS-th cell of each view"""
+        """part() of each"""
         self.scenes: list[Scene] = []
         self.shares: list[float] = []
         self.known: list[float] = []
         self.scored: dict[Variant, float] = {}
+        self._parts: dict[int, tuple[View, View]] = {}
         self._said: dict[tuple[int, Variant, float], float] = {}
 
     def add(self, views: Sequence[View]) -> None:
         """Raises MissingProgramError."""
-        parts = {id(view.around): part for view, part in zip(self.views, self.parts, strict=True)}
-        for view in views:
-            key = id(view.around)
-            if key not in parts:
-                parts[key] = view.part(PARTS, COARSE_GRID)
-            self.parts.append(parts[key].of(view.picture, view.grid))
-            self.views.append(view)
+        self.views += views
+        self.parts += [self.part(view) for view in views]
         self.scenes = list({id(view.scene): view.scene for view in self.views}.values())
         self.many = any(view.picture.samples_per_pixel > 1 for view in self.views)
         self.shares = _shares(self.views)
         self.known = self._known()
         self.scored = {}
+
+    def part(self, view: View) -> View:
+        """Every PARTS-th cell; views of the same rays share what is computed for it."""
+        key = id(view.around)
+        if key not in self._parts:
+            self._parts[key] = view, view.part(PARTS, COARSE_GRID)
+        return self._parts[key][1].of(view.picture, view.grid)
 
     # -- scores
 
