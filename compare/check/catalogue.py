@@ -9,9 +9,9 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -68,7 +68,7 @@ class Choice:
 
     def evaluate(self, argument: int, **values: Any) -> Any:
         """One of its expressions."""
-        return _compiled(self.arguments[argument])(values)
+        return evaluate(self.arguments[argument], values)
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,11 @@ def _arguments(text: str, start: int) -> list[str]:
     return [*found, part.strip()]
 
 
+def evaluate(expression: str, values: dict[str, Any]) -> Any:
+    """An expression of the catalogue, of numbers or arrays."""
+    return eval(_compiled(expression), {"__builtins__": {}}, {**_FUNCTIONS, **values})
+
+
 @cache
-def _compiled(expression: str) -> Callable[[dict[str, Any]], Any]:
-    code = compile(expression, str(FILE), "eval")
-    return lambda values: eval(code, {"__builtins__": {}}, {**_FUNCTIONS, **values})
+def _compiled(expression: str) -> CodeType:
+    return compile(expression, str(FILE), "eval")

@@ -15,12 +15,13 @@ the mixture over k.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln, ndtr
+from scipy.special import gammaln, ndtr, xlog1py, xlogy
 
-from compare.check.catalogue import RIGHT, SPLIT, Variant
+from compare.check.catalogue import SPLIT, Variant, evaluate
 from compare.check.moments import Key, Moments
 from compare.scene import PointLight, QuadLight, Scene
 
@@ -107,25 +108,25 @@ def predict(
     mean, var = total, np.asarray(spread)
     if "unclamped" in variant.weight:
         mean, var = np.maximum(mean, 0), np.where(mean > 0, var, 0)
-    extra = variant["output"].field("ambient") * colour
-    mean = mean + extra
-    across = around.slope * between**2 if jittered else 0.0
-    fog = variant["output"].field("fog")
-    if fog:
-        left = np.exp(-fog * around.distance)
-        mean, var = left * mean + (1 - left) * around.background, left**2 * var
-    alone = parts[0] if len(parts) == 1 and not fog else None
-    plain = not quick and alone is not None and not alone[3] and variant["average"].macro != SPLIT
+    across = around.slope * between**2 if jittered else np.zeros_like(mean)
+    left = np.exp(-variant["output"].field("fog") * around.distance)
+    extra = left * variant["output"].field("ambient") * colour + (1 - left) * around.background
+    mean, var, across = left * mean + extra, left**2 * var, left**2 * across
+    mixture: list[Part] = []
+    if len(parts) == 1 and not quick and not parts[0][3]:
+        p, shaded, variance, _ = parts[0]
+        alone = (p, left * shaded, left**2 * variance)
+        within = 1 if variant["clamp"].arguments == ("PIXEL",) else m
+        mixture = [
+            (chance, extra + first, second + across / within)
+            for chance, first, second in _parts(variant, n, within, *alone)
+        ]
     if variant["clamp"].arguments == ("PIXEL",):
-        samples = _drawn(variant, n)
-        mean, var = _clamped(mean, var + across, alone if plain else None, samples, extra, variant, n)
+        mean, var = _through(clipped, mean, var + across, mixture)
         var = var / m
     else:
-        var = (var + across) / m
-        if variant["output"].field("wrap"):
-            return Law(*_wrapped(mean, var), variant["generator"].arguments[0])
-        mean, var = _clamped(mean, var, alone if plain else None, _drawn(variant, n) * m, extra,
-                             variant, n)  # fmt: skip
+        end = wrapped if variant["output"].field("wrap") else clipped
+        mean, var = _through(end, mean, (var + across) / m, mixture)
     acne = variant["output"].field("acne")
     if acne:  # a part of the pixels black, the same for all samples
         kept = 1 - acne
@@ -170,10 +171,12 @@ def one_place(variant: Variant) -> bool:
     return all(np.ptp(place) == 0 for place in places)
 
 
-def _drawn(variant: Variant, n: int) -> int:
-    if variant["average"].macro == SPLIT:
-        return n
-    return int(variant["average"].evaluate(0, n=float(n)))
+def _weights(variant: Variant, n: int) -> np.ndarray:
+    """Of each sample that is drawn."""
+    average = variant["average"]
+    drawn = int(average.evaluate(0, n=float(n)))
+    weights = average.evaluate(1, n=float(n), i=np.arange(drawn, dtype=float))
+    return np.broadcast_to(np.asarray(weights, float), (drawn,))
 
 
 def _average(
@@ -187,9 +190,7 @@ def _average(
             table = table[:, :1] + (table[:, -1:] - table[:, :1]) * P_GRID
         a, b, c = (np.interp(p, P_GRID, row) for row in table)
         return a, b, c
-    drawn = _drawn(variant, n)
-    index = np.arange(drawn, dtype=float)
-    weights = np.broadcast_to(np.asarray(average.evaluate(1, n=float(n), i=index), float), (drawn,))
+    weights = _weights(variant, n)
     one, two = float(weights.sum()), float((weights**2).sum())
     a = p * one
     if fixed:  # p is the share of the pixel that sees it: of a ray, all or nothing
@@ -203,30 +204,90 @@ _SPLITS: dict[tuple[tuple[str, ...], int], np.ndarray] = {}
 def _split_table(arguments: tuple[str, ...], n: int) -> np.ndarray:
     """(3, len(P_GRID)): A, B and C of a value of k visible samples of n."""
     if (arguments, n) not in _SPLITS:
-        kind, value, shaded = arguments
-        k = np.arange(n + 1.0)
-        p = P_GRID[:, None]
-        if kind == "RUN":
-            chance = np.where(k < n, p**k * (1 - p), p**n)
-        elif kind == "FIRST":
-            chance = np.where(k == 1, p, np.where(k == 0, 1 - p, 0.0))
-        else:
-            log = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                log = log + np.where(k > 0, k * np.log(p), 0)
-                log = log + np.where(k < n, (n - k) * np.log1p(-p), 0)
-            chance = np.exp(log)
-        from compare.check.catalogue import _compiled  # the same evaluator
-
-        values = {"n": float(n), "k": k}
-        f = np.broadcast_to(np.asarray(_compiled(value)(values), float), k.shape)
-        h = np.broadcast_to(np.asarray(_compiled(shaded)(values), float), k.shape)
+        chance, f, h = _split(arguments, n, P_GRID[:, None])
         over = np.where(h > 0, f * f / np.maximum(h, 1), 0)
         _SPLITS[arguments, n] = np.stack([chance @ f, chance @ (f * f), chance @ over])
     return _SPLITS[arguments, n]
 
 
+def _split(
+    arguments: tuple[str, ...], n: int, p: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of k = 0 to n visible samples of n: the chance of each where a sample is visible with p,
+    (len(p), n + 1) of p's (len(p), 1); the value, and how many are shaded, (n + 1,)."""
+    kind, value, shaded = arguments
+    k = np.arange(n + 1.0)
+    if kind == "RUN":
+        chance = np.where(k < n, p**k * (1 - p), p**n)
+    elif kind == "FIRST":
+        chance = np.where(k == 1, p, np.where(k == 0, 1 - p, 0.0))
+    else:
+        chance = _binomial(n, k, p)
+    values = {"n": float(n), "k": k}
+    f = np.broadcast_to(np.asarray(evaluate(value, values), float), k.shape)
+    h = np.broadcast_to(np.asarray(evaluate(shaded, values), float), k.shape)
+    return chance, f, h
+
+
+def _binomial(n: int, k: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """The chance of k of n."""
+    log = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
+    return np.exp(log + xlogy(k, p) + xlog1py(n - k, -p))
+
+
 # ---------------------------------------------------------------- clamps
+
+Part = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Of a mixture of normal distributions: the chance of one, its mean and its variance"""
+
+
+def _parts(
+    variant: Variant, n: int, m: int, p: np.ndarray, w: np.ndarray, s2: np.ndarray
+) -> list[Part]:
+    """The average of m pixel samples of one light, apart for each number of visible light samples;
+    empty where these are too many to tell. w, s2: mean and variance of a visible sample."""
+    average = variant["average"]
+    if average.macro == SPLIT:
+        if m > 1 or n > MIXTURE:
+            return []
+        chance, f, h = _split(average.arguments, n, p[:, None])
+        return [
+            (chance[:, k], f[k] * w, f[k] ** 2 * s2 / max(h[k], 1)) for k in range(n + 1)
+        ]
+    weights = _weights(variant, n)
+    one, two = float(weights.sum()), float((weights**2).sum())
+    samples = round(one**2 / two) * m if two > 0 else 0  # of equal weight, as good as these
+    if samples > MIXTURE:
+        return []
+    return [
+        (_binomial(samples, np.float64(k), p), one * w * k / max(samples, 1),
+         one**2 * s2 * k / max(samples, 1) ** 2)
+        for k in range(samples + 1)
+    ]  # fmt: skip
+
+
+Moved = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""From the mean and the variance of a normal distribution to those of a function of it"""
+
+
+def _through(
+    end: Moved, mean: np.ndarray, variance: np.ndarray, mixture: list[Part]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance of end(X), X a mixture of normal distributions, or where there is none
+    normal."""
+    hot = mean + 4 * np.sqrt(variance) > 1
+    for _, first, _ in mixture:
+        hot |= first > 0.9
+    if not mixture:
+        mixture = [(np.ones_like(mean), mean, variance)]
+    one, two = np.zeros(hot.sum()), np.zeros(hot.sum())
+    for chance, first, second in mixture:
+        mu, var = end(first[hot], second[hot])
+        one += chance[hot] * mu
+        two += chance[hot] * (var + mu * mu)
+    mean, variance = mean.copy(), variance.copy()
+    mean[hot], variance[hot] = one, np.maximum(two - one * one, 0)
+    return mean, variance
 
 
 def clipped(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -240,42 +301,7 @@ def clipped(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndar
     return first, np.maximum(second - first * first, 0)
 
 
-def _clamped(
-    mean: np.ndarray,
-    variance: np.ndarray,
-    alone: tuple[np.ndarray, np.ndarray, np.ndarray, bool] | None,
-    samples: int,
-    extra: np.ndarray,
-    variant: Variant,
-    n: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """min(X, 1). alone: the one light's sample, where X is a mixture over its visible ones."""
-    out_mean, out_variance = mean.copy(), variance.copy()
-    hot = mean + 4 * np.sqrt(variance) > 1
-    mixed = np.zeros_like(hot)
-    if alone is not None and samples <= MIXTURE:
-        p = alone[0]
-        mixed = hot & (p > 1e-3) & (p < 1 - 1e-3)
-    plain = hot & ~mixed
-    out_mean[plain], out_variance[plain] = clipped(mean[plain], variance[plain])
-    if mixed.any() and alone is not None:
-        p, w, s2 = (v[mixed] for v in alone[:3])
-        a, b, _ = _average(variant, n, np.ones(1), False)
-        one = float(a[0])  # sum of the weights
-        first, second = np.zeros_like(p), np.zeros_like(p)
-        for k in range(samples + 1):
-            log = gammaln(samples + 1) - gammaln(k + 1) - gammaln(samples - k + 1)
-            chance = np.exp(log + k * np.log(p) + (samples - k) * np.log1p(-p))
-            mu, var = clipped(
-                one * w * k / samples + extra[mixed], one**2 * s2 * k / samples**2
-            )
-            first += chance * mu
-            second += chance * (var + mu * mu)
-        out_mean[mixed], out_variance[mixed] = first, np.maximum(second - first * first, 0)
-    return out_mean, out_variance
-
-
-def _wrapped(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def wrapped(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and variance of X mod TOP, X normal."""
     sd = np.sqrt(np.maximum(variance, 1e-12))
     first, second = mean.copy(), mean**2 + variance

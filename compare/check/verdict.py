@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from compare.check.catalogue import RIGHT, Mistake, Variant, catalogue
-from compare.check.diagnosis import ACCUSED, PRICE_ONE, TEMPER, Diagnosis
+from compare.check.diagnosis import ACCUSED, PRICE_ONE, TEMPER, Diagnosis, constant
 from compare.check.grid import Grid
+from compare.check.prediction import surface_lights
 from compare.check.view import NU, View
 from compare.check.words import WORDS
 
@@ -98,9 +99,8 @@ def verdict(
         diagnosis.views,
         key=lambda v: (v.picture.samples_per_pixel > 1, abs(math.log2(v.picture.nb_light_samples) - 4)),
     )
-    regions = tuple(_regions(lead, Variant(factor=diagnosis.best.variant.factor
-                                           if not diagnosis.best.variant.mistakes else 1.0)))  # fmt: skip
     top = diagnosis.best.variant
+    regions = tuple(_regions(lead, _base(top, lead)))
     strange = _strange(lead, grids)
     brightness, samples = detectable(lead, diagnosis.right.variant)
     n = lead.picture.nb_light_samples
@@ -168,6 +168,16 @@ def _decide(
     if factor != 1 and (power_known or not _plausible_power(lead, factor)):
         return (WRONG, (UNKNOWN,), (), False) if power_known else (CANNOT_TELL, (), (), False)
     return RIGHT_, (), (), False
+
+
+def _base(top: Variant, lead: View) -> Variant:
+    """What the picture is held against: what is right, in another power if that is all; where only
+    the noise is wrong, with that noise, since a clamp turns it into brightness."""
+    if not top.mistakes:
+        return top
+    light = lead.scene.lights[surface_lights(lead.scene)[0]]
+    factor = constant(top, light, lead.picture.nb_light_samples)
+    return top if factor == 1 else Variant()
 
 
 def _rest(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -281,12 +291,12 @@ def _noise(view: View, use: np.ndarray, residual: np.ndarray, variance: np.ndarr
 
 
 def _effective(lead: View, diagnosis: Diagnosis) -> float:
-    """The number of light samples that the noise is that of, by the loudest region."""
+    """The number of light samples that the noise is that of, by the penumbrae."""
     n = lead.picture.nb_light_samples
-    factor = diagnosis.best.variant.factor if not diagnosis.best.variant.mistakes else 1.0
-    regions = _regions(lead, Variant(factor=factor))
+    top = diagnosis.best.variant
+    regions = _regions(lead, Variant(factor=top.factor if not top.mistakes else 1.0))
     found = [
-        n * r.ratio**2 / r.noise for r in regions if r.kind == "penumbra" and r.noise > 0 and r.ratio > 0
+        n * r.ratio**2 / r.noise for r in regions if r.kind == "penumbra" and r.noise > 0 < r.ratio
     ]
     return float(np.median(found)) if found else float(n)
 
@@ -315,9 +325,11 @@ def _runners_up(diagnosis: Diagnosis) -> tuple[tuple[tuple[str, ...], float], ..
     best = diagnosis.best
     found = []
     for h in diagnosis.ranking:
-        if h is not best and h.variant.mistakes != best.variant.mistakes:
+        if h.variant.mistakes == best.variant.mistakes:
+            continue
+        if not set(h.variant.mistakes) >= set(best.variant.mistakes) or not best.variant.mistakes:
             found.append((h.variant.mistakes, math.exp(min(best.score - h.score, 700))))
-    return tuple(dict(reversed(found)).items())[::-1][:3] if found else ()
+    return tuple(found[:3])
 
 
 def _facts(
@@ -334,6 +346,14 @@ def _facts(
             facts.setdefault(code, text)
         if strange:
             facts.setdefault("geometry", WORDS["geometry"].format(miss=miss))
+        for thing in view.scene.objects:
+            if thing.name in view.recoloured:
+                colour, stated = (
+                    ", ".join(f"{c / max(max(rgb), 1e-9):.2g}" for c in rgb)
+                    for rgb in (view.recoloured[thing.name], thing.brdf)
+                )
+                said = WORDS["colours"].format(object=thing.name, colour=colour, stated=stated)
+                facts.setdefault(f"colours {thing.name}", said)
         if view.picture.jpeg:
             facts.setdefault("jpeg", WORDS["jpeg"])
     shown = diagnosis.right.variant if word == RIGHT_ else diagnosis.best.variant

@@ -82,18 +82,39 @@ class View:
         lights = [np.asarray(scene.lights[i].radiance) for i in surface_lights(scene)]  # type: ignore[union-attr]
         self.channel = np.argmax(brdf * sum(lights), axis=1)
         every = np.arange(len(row))
+        self.recoloured = self._recoloured(brdf * sum(lights))
         self.value = picture.values[self.row, self.column, self.channel]
         camera = np.asarray(scene.camera.position) + grid.moved * np.asarray(scene.camera.forward)
         self.around = Surroundings(
             tuple(Moments(scene_file, i, sites, light_grid) for i in surface_lights(scene)),
             scene,
-            brdf[every, self.channel],
+            brdf.max(axis=1) if self.recoloured else brdf[every, self.channel],
             tuple(light[self.channel] for light in lights),
             np.asarray(scene.background_radiance)[self.channel],
             np.linalg.norm(sites.receivers.point - camera, axis=1),
             _slope(scene, scene_file, sites),
         )
         self._count()
+
+    def _recoloured(self, foretold: np.ndarray) -> dict[str, tuple[float, float, float]]:
+        """Objects whose colour in the picture is another than the scene's, and which it is, the
+        largest channel 1. Where it lacks the scene's main channel, its own brightest one is looked
+        at instead; how bright it should be is then a guess, that it is as light a colour."""
+        found = {}
+        seen = self.picture.values[self.row, self.column]
+        for i, thing in enumerate(self.scene.objects):
+            bright = (self.object_id == i) & (seen.max(axis=1) > 0.1) & (seen.max(axis=1) < 0.95)
+            if bright.sum() < 50:
+                continue
+            colour = np.median(seen[bright] / seen[bright].max(axis=1)[:, None], axis=0)
+            stated = foretold[self.object_id == i][0]
+            stated = stated / max(stated.max(), 1e-9)
+            if np.abs(colour - stated).max() > 0.25:
+                r, g, b = (float(c) for c in colour / max(colour.max(), 1e-9))
+                found[thing.name] = (r, g, b)
+                if colour[self.channel[self.object_id == i][0]] < 0.5 * colour.max():
+                    self.channel[self.object_id == i] = int(np.argmax(colour))
+        return found
 
     def _count(self) -> None:
         _, self.cell = np.unique(self.cell, return_inverse=True)

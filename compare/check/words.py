@@ -26,6 +26,7 @@ WORDS: dict[str, str] = {
     "power_several": "your lights are {factor:.3f} times as bright as this scene's (all else agrees)",
     "better_sampler": "your noise is that of about {times:.1f} times as many independent samples: your "
     "samples are better spread than random ones",
+    "colours": "your {object} has the colour ({colour}), the scene's is ({stated})",
     "jpeg": "saved as JPEG: a PNG would show smaller faults",
     "saturated": "{share:.0%} of the lit pixels are clipped at white, and say nothing",
     "region_bright": "{region} is {ratio:.2f} times too bright",

@@ -1,0 +1,176 @@
+"""The catalogue of mistakes: what is foretold of each is what each does to a picture."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import re
+import subprocess
+import sys
+from functools import cache
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from compare.check.catalogue import RIGHT, SPLIT, Variant, catalogue
+from compare.check.grid import Grid
+from compare.check.moments import Moments, Sites, choice_id, render
+from compare.check.prediction import Surroundings, _sample, predict, surface_lights
+from compare.check.view import _sites_at, _slope
+from compare.scene import read_scene
+from tests.conftest import ROOT, built
+
+WIDTH, HEIGHT = 27, 18
+LIGHT_GRID = 24
+SEEDS = 48
+SIGMAS = 4.5
+MEAN, VARIANCE = 0.01, 0.06
+"""Relative error of a law, over all sites: clamps of what is not normal, and the light's grid"""
+GRID = 4e-3
+"""Of one site's mean: its share of the light, counted on 24 x 24 places"""
+WIDE = {"position": [0, 0, 0], "look_at": [0, -0.72, 3], "up": [0, 1, 0], "fov_y_deg": 26}
+NEAR = {"position": [0, 0, 0], "look_at": [0, -2, 1.8], "up": [0, 1, 0], "fov_y_deg": 5}
+"""On the penumbra, in pixels as small as the lab's, so that light is even in each"""
+QUADS = [
+    {"name": "left", "position": [2, 10, 2], "u": [-2, 0, 0], "v": [0, 0, 2], "color": [1, 1, 1], "power": 25},
+    {"name": "right", "position": [-1, 9, 2], "u": [-1, 0, 0], "v": [0, 0, 2], "color": [1, 1, 1], "power": 20},
+]  # fmt: skip
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
+    "tp3": ("tp3", {}),
+    "sheared": ("tp3_sheared", {}),
+    "two_lights": ("tp3", {"quad_lights": QUADS}),
+    "disk": ("tp3_disk", {}),
+    "sphere": ("tp3_sphere", {}),
+}
+PAIRS = [
+    {"domain": "diagonal", "average": "n_no_effect"},
+    {"domain": "about_corner", "weight": "no_light_cosine"},
+    {"visibility": "offset_0_3", "scale": "area_omitted"},
+    {"visibility": "lost_0_3", "clamp": "per_light_sample"},
+    {"visibility": "apart", "average": "divided_by_n_plus_one"},
+    {"visibility": "to_corner", "weight": "pdf_times_cos"},
+    {"weight": "cos_of_cos_both", "average": "running_half"},
+    {"average": "any_visible", "output": "ambient_0_1"},
+    {"average": "break_first", "output": "fog_0_02"},
+    {"lights": "only_last_light", "average": "extra_sample"},
+    {"scale": "light_twice", "output": "wrap"},
+    {"colour": "flat_colour_squared", "clamp": "per_pixel_sample"},
+]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A scene and the pixels of a picture of it that receive light."""
+
+    file: Path
+    around: Surroundings
+    row: np.ndarray
+    column: np.ndarray
+    channel: np.ndarray
+
+
+def stage(file: Path) -> Stage:
+    scene = read_scene(file)
+    grid = Grid(scene.camera.fov_y_deg)
+    row, column = (a.ravel() for a in np.mgrid[0:HEIGHT, 0:WIDTH])
+    sites = _sites_at(scene, grid, column.astype(float), row.astype(float), WIDTH, HEIGHT)
+    distance = np.linalg.norm(sites.receivers.point - np.asarray(scene.camera.position), axis=1)
+    met = (sites.receivers.object_id >= 0) & (distance < scene.ray_max_distance * 0.9)
+    sites, row, column, distance = sites[met], row[met], column[met], distance[met]
+    brdf = np.array([thing.brdf for thing in scene.objects])[sites.receivers.object_id]
+    radiance = [np.asarray(scene.lights[i].radiance) for i in surface_lights(scene)]
+    channel = np.argmax(brdf * sum(radiance), axis=1)
+    around = Surroundings(
+        tuple(Moments(file, i, sites, LIGHT_GRID) for i in surface_lights(scene)),
+        scene,
+        brdf[np.arange(len(row)), channel],
+        tuple(r[channel] for r in radiance),
+        np.asarray(scene.background_radiance)[channel],
+        distance,
+        _slope(scene, file, sites),
+    )
+    return Stage(file, around, row, column, channel)
+
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """stages(name, m): a scene of SCENES as it is looked at for m pixel samples. Pictures are so
+    small that a second thread would cost more than it brings."""
+    threads = ctypes.CDLL("libgomp.so.1")
+    before = threads.omp_get_max_threads()
+    threads.omp_set_num_threads(1)
+    folder = tmp_path_factory.mktemp("scenes")
+
+    @cache
+    def look(name: str, m: int) -> Stage:
+        base, changes = SCENES[name]
+        scene = json.loads((ROOT / "scenes" / f"{base}.json").read_text())
+        scene |= {**changes, "camera": WIDE if m == 1 else NEAR}
+        file = folder / f"{name}_{m}.json"
+        file.write_text(json.dumps(scene))
+        return stage(file)
+
+    yield look
+    threads.omp_set_num_threads(before)
+
+
+def values(at: Stage, variant: Variant, n: int, m: int, seeds: int = SEEDS) -> np.ndarray:
+    """(seeds, sites): what is written, but for the rounding to 8 bits."""
+    pictures = [
+        render(at.file, variant, (HEIGHT, WIDTH), n, m, seed)[at.row, at.column, at.channel]
+        for seed in range(seeds)
+    ]
+    found = np.array(pictures, dtype=float)
+    if variant["output"].field("wrap"):
+        return found % (256 / 255)
+    return np.clip(found, 0, 1)
+
+
+def disagreements(at: Stage, variant: Variant, n: int, m: int) -> list[str]:
+    """How the pictures of some seeds differ from what is foretold: in sites' means, the sum of all
+    sites, and the sum of their variances, whose errors the seeds themselves tell."""
+    x, law = values(at, variant, n, m), predict(at.around, variant, n, m, jittered=m > 1)
+    kept = np.ones(x.shape[1], dtype=bool)
+    for moments in at.around.moments:  # one place of the light: hidden, or not, but at an edge
+        p, _, _, fixed = _sample(moments, variant)
+        kept &= (p < 1e-3) | (p > 1 - 1e-3) | (not fixed)
+    x, mean, variance = x[:, kept], law.mean[kept], law.variance[kept]
+    found, scatter = x.mean(axis=0), x.var(axis=0, ddof=1)
+    root = np.sqrt(SEEDS)
+
+    error = np.maximum(variance, scatter) / SEEDS + (GRID * mean) ** 2 + 1e-8
+    misfit = float(((found - mean) ** 2 / error).mean())
+    shared = law.correlation != "NONE"
+    bias = (x - mean).sum(axis=1)
+    noise = ((x - found) ** 2).sum(axis=1) * SEEDS / (SEEDS - 1)
+    said = []
+    if misfit > (4 if shared else 1 + SIGMAS * np.sqrt(4 / x.shape[1])):
+        said.append(f"sites' means: chi-square {misfit:.2f} each")
+    if abs(bias.mean()) > MEAN * mean.sum() + SIGMAS * bias.std(ddof=1) / root + 1e-4 * len(mean):
+        said.append(f"mean {found.mean():.4f}, foretold {mean.mean():.4f}")
+    allowed = VARIANCE * variance.sum() + SIGMAS * noise.std(ddof=1) / root
+    if abs(noise.mean() - variance.sum()) > allowed + 1e-5 * len(mean):
+        said.append(f"variance {scatter.mean():.2e}, foretold {variance.mean():.2e}")
+    return [f"{variant}, N = {n}, M = {m}: {what}" for what in said]
+
+
+def all_variants() -> list[Variant]:
+    """Right, each choice alone, and the pairs."""
+    ones = [Variant(**{c.module: c.name}) for c in catalogue().choices.values() if c.name != RIGHT]
+    return [Variant(), *ones, *(Variant(**pair) for pair in PAIRS)]
+
+
+@pytest.mark.parametrize("m", [1, 4])
+@pytest.mark.parametrize("n", [1, 4, 16])
+@pytest.mark.parametrize("scene", ["tp3", "sheared", "two_lights"])
+def test_what_is_foretold_of_each_choice_is_what_it_does(
+    stages: Any, scene: str, n: int, m: int
+) -> None:
+    at = stages(scene, m)
+    assert len(at.row) > 300
+    found = [line for v in all_variants() for line in disagreements(at, v, n, m)]
+    assert not found, "\n".join(found)
