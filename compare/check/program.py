@@ -1,8 +1,8 @@
 """A student's program on scenes made to separate mistakes: what to render next, until it is clear.
 
-The first picture is of the lab's scene. Then, as long as a further picture would show hypotheses
-that are not ruled out apart from the best one, the picture is asked for that is expected to tell most
-of them apart for its cost; all pictures are judged together (diagnosis.Search).
+The first picture is of the lab's scene. Then, as long as there are hypotheses that are not ruled out
+and that a further picture would tell from the best one, the picture is asked for that is expected to
+tell most for its cost. All pictures are judged together (diagnosis.Search).
 """
 
 from __future__ import annotations
