@@ -146,8 +146,9 @@ class Search:
     """The hypotheses, and what the pictures so far, of one scene or several, say of each. Further
     pictures can be added, and coarse() and fine() asked again."""
 
-    def __init__(self, power_known: bool) -> None:
-        self.power_known, self.many = power_known, False
+    def __init__(self, power_known: bool, many: bool = False) -> None:
+        """many: pictures with several pixel samples may yet come."""
+        self.power_known, self.many = power_known, many
         self.views: list[View] = []
         self.parts: list[View] = []
         """part() of each"""
@@ -163,7 +164,7 @@ class Search:
         self.views += views
         self.parts += [self.part(view) for view in views]
         self.scenes = list({id(view.scene): view.scene for view in self.views}.values())
-        self.many = any(view.picture.samples_per_pixel > 1 for view in self.views)
+        self.many |= any(view.picture.samples_per_pixel > 1 for view in self.views)
         self.shares = _shares(self.views)
         self.known = self._known()
         self.scored = {}

@@ -1,8 +1,8 @@
 """A student's program on scenes made to separate mistakes: what to render next, until it is clear.
 
-The first picture is of the lab's scene. Then, as long as there are hypotheses that are not ruled out
-and that a further picture would tell from the best one, the picture is asked for that is expected to
-tell most for its cost. All pictures are judged together (diagnosis.Search).
+The first picture is of the lab's scene. Then, as long as there are hypotheses that are not ruled
+out and that a further picture would tell from the best one, the picture is asked for that is
+expected to tell most for its cost. All pictures are judged together (diagnosis.Search).
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ import shlex
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import nnls
 
 from compare.check.catalogue import Variant
 from compare.check.diagnosis import (
@@ -146,8 +147,8 @@ class _Program:
                 "program", f"env OMP_NUM_THREADS={{threads}} {template}", suffix, timeout
             )
         self.placeholders = self.renderer.placeholders
-        self.rates: list[float] = []
-        """[s] of each run for a light sample of a pixel sample"""
+        self.runs: list[tuple[float, float]] = []
+        """light samples drawn, and seconds, of each run"""
         self.seconds = 0.0
         self._number = 0
 
@@ -167,12 +168,15 @@ class _Program:
         finally:
             out.unlink(missing_ok=True)
         self.seconds += seconds
-        self.rates.append(seconds / (width * height * n * m))
+        self.runs.append((width * height * n * m, seconds))
         return picture, seconds
 
     def expected_seconds(self, experiment: Experiment, scene: Scene) -> float:
-        drawn = experiment.nb_light_samples * experiment.samples_per_pixel
-        return float(np.median(self.rates)) * scene.width * scene.height * drawn
+        """A start-up and a time for each light sample, fitted to the runs."""
+        drawn, seconds = np.array(self.runs).T
+        (start, each), _ = nnls(np.stack([np.ones_like(drawn), drawn], axis=1), seconds)
+        samples = experiment.nb_light_samples * experiment.samples_per_pixel
+        return float(start + each * scene.width * scene.height * samples)
 
 
 @dataclass
@@ -185,17 +189,24 @@ class _Stage:
     miss: int = 0
     """pixels of outline that the grid leaves unexplained"""
     seen: bool = False
-    view: View | None = None
-    """of a black picture on that grid"""
+    views: dict[tuple[Grid, tuple[int, ...]], View] = field(default_factory=dict)
+    """of black pictures, by their rays and shape"""
 
     def view_of(self, picture: Picture, grid: Grid) -> View:
         """Those with the same rays share what is computed for them."""
-        shape, view = picture.values.shape, self.view
-        rays = replace(grid, jittered=False)
-        if view is None or view.picture.values.shape != shape or view.grid != rays:
-            view = View(_black(picture, shape), rays, self.scene, self.file, FINE_GRID)
-            self.view = view
-        return view.of(picture, grid)
+        rays, shape = replace(grid, jittered=False), picture.values.shape
+        if (rays, shape) not in self.views:
+            black = _black(picture, shape)
+            self.views[rays, shape] = View(black, rays, self.scene, self.file, FINE_GRID)
+        return self.views[rays, shape].of(picture, grid)
+
+    def foreseen(self, samples_per_pixel: int) -> Grid:
+        """The grid of a picture to come: several rays a pixel are at random places of it."""
+        return self.grid if samples_per_pixel == 1 else _jittered(self.grid)
+
+
+def _jittered(grid: Grid) -> Grid:
+    return replace(grid, jittered=True, position=0.5)
 
 
 def _black(like: Picture, shape: tuple[int, ...]) -> Picture:
@@ -216,7 +227,8 @@ class _Examination:
             _Stage(file, scene, Grid(scene.camera.fov_y_deg, cut=scene.ray_max_distance))
             for file, scene in read
         ]
-        self.search = Search(power_known=True)
+        self.many = "pixel_samples" in program.placeholders
+        self.search = Search(power_known=True, many=self.many)
         self.trials: list[Trial] = []
         self.facts: dict[str, str] = {}
         self.start = time.perf_counter()
@@ -270,17 +282,18 @@ class _Examination:
         if (width, height) != (stage.scene.width, stage.scene.height):
             said = f"your pictures are {width} x {height}, not as large as the scene says"
             self.facts.setdefault("size", said)
-        if not stage.seen:
-            stage.grid, stage.miss = fit_grid(picture, stage.scene)
-            stage.seen = True
-        jittered = stage.grid.jittered or experiment.samples_per_pixel > 1
-        view = stage.view_of(picture, replace(stage.grid, jittered=jittered))
+        grid, miss = stage.grid, stage.miss
+        if not stage.seen or experiment.samples_per_pixel > 1:
+            grid, miss = fit_grid(picture, stage.scene)
+        if experiment.samples_per_pixel == 1:
+            stage.grid, stage.miss, stage.seen = grid, miss, True
+        view = stage.view_of(picture, grid)
         if len(view.count) < FEWEST_CELLS:
             raise RendererError(
                 f"program: its picture of {stage.scene.name}, {width} x {height}, is too small to "
                 f"tell anything: fewer than {FEWEST_CELLS} cells of 8x8 pixels"
             )
-        self.trials.append(Trial(experiment, why, seconds, view, stage.miss))
+        self.trials.append(Trial(experiment, why, seconds, view, miss))
         self.search.add([view])
         return picture
 
@@ -310,8 +323,7 @@ class _Examination:
 
     def candidates(self) -> list[tuple[_Stage, Experiment]]:
         """All but the first one, those that cost least first, each with a seed of its own."""
-        many = "pixel_samples" in self.program.placeholders
-        counts = [(n, m) for n, m in COUNTS if m == 1 or many]
+        counts = [(n, m) for n, m in COUNTS if m == 1 or self.many]
         every = [(stage, count) for count in counts for stage in self.stages]
         found = [(s, Experiment(s.file, *c, seed=3 + i)) for i, (s, c) in enumerate(every)]
         return found[1:]
@@ -327,6 +339,8 @@ class _Examination:
             for v, s in said.items()
             if v.factor == best.factor and v.mistakes != best.mistakes
             and said[best] - s < RULED_OUT
+            # what has not come apart where it was foretold to will not do so again
+            and search.apart(best, v) < 2 * RULED_OUT
         ]  # fmt: skip
 
     def next(
@@ -379,20 +393,22 @@ class _Examination:
             picture = replace(
                 _black(first, (height, width, 3)), nb_light_samples=n, samples_per_pixel=m
             )
-            grid = replace(stage.grid, jittered=stage.grid.jittered or m > 1)
-            view = self.search.part(stage.view_of(picture, grid))
+            view = self.search.part(stage.view_of(picture, stage.foreseen(m)))
             view.prepare(keys_of([best, *new]))
             for v in new:
                 self._expected[experiment, best, v] = TEMPER * PARTS * view.apart(best, v)
         return [self._expected[experiment, best, v] for v in others]
 
     def excluded(self, best: Variant) -> tuple[str, ...]:
-        """Mistakes that would have shown beside the best."""
+        """Mistakes that would have shown beside the best's."""
         names: dict[str, None] = {}
-        for variant in pairs(best, self.search.scenes, self.search.many):
-            (name,) = set(variant.mistakes) - set(best.mistakes) or ("",)
-            if name and name not in names and self.search.apart(variant, best) > TELLS:
-                names[name] = None
+        plain = Variant()
+        for choice in best.wrong:
+            plain = plain.replaced(choice)
+        for variant in pairs(plain, self.search.scenes):
+            for name in set(variant.mistakes) - set(plain.mistakes) - set(names):
+                if self.search.apart(variant, plain) > TELLS:
+                    names[name] = None
         return tuple(names)
 
 
