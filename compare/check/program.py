@@ -79,6 +79,10 @@ class Experiment:
         return f"{self.scene_file.stem}, {self.nb_light_samples} light samples{m}"
 
 
+Progress = Callable[[Experiment, str], None]
+"""Told each picture before it is rendered, and why"""
+
+
 @dataclass(frozen=True)
 class Trial:
     """A picture that was asked for, and got."""
@@ -108,6 +112,12 @@ class Examined:
     """of our own, without the program's"""
 
     @property
+    def telling(self) -> Trial:
+        """Where the best explains most that what is right does not; the first if it is right"""
+        best, right = self.diagnosis.best.variant, self.diagnosis.right.variant
+        return max(self.trials, key=lambda t: t.view.loglik(best) - t.view.loglik(right))
+
+    @property
     def grids(self) -> tuple[tuple[Grid, int], ...]:
         """Of each view of the diagnosis, with the pixels of outline that it leaves unexplained"""
         return tuple((trial.view.grid, trial.unexplained_outline) for trial in self.trials)
@@ -119,19 +129,19 @@ def check_program(
     timeout: float = TIMEOUT,
     budget: float = BUDGET,
     scenes: Sequence[str] = SCENES,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Examined:
     """Run a program, a CommandRenderer's command, until its
     pictures tell what is wrong with it. It runs on this machine, as you, without a shell, in a
     process group of its own.
 
     suffix: of the pictures that it writes; timeout: of each [s]; budget: of our own time [s];
-    scenes: names in scenes/, the first one first; progress: is told each picture that is asked for.
+    scenes: names in scenes/, the first one first.
     Raises RendererError, MissingProgramError, SceneError.
     """
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
         program = _Program(template, suffix, timeout, Path(folder))
-        examination = _Examination(program, scenes, progress or (lambda said: None))
+        examination = _Examination(program, scenes, progress or (lambda experiment, why: None))
         return examination.run(budget)
 
 
@@ -218,7 +228,7 @@ def _black(like: Picture, shape: tuple[int, ...]) -> Picture:
 
 class _Examination:
     def __init__(
-        self, program: _Program, scenes: Sequence[str], progress: Callable[[str], None]
+        self, program: _Program, scenes: Sequence[str], progress: Progress
     ) -> None:
         self.program, self.progress = program, progress
         files = [ROOT / "scenes" / f"{name}.json" for name in scenes]
@@ -276,7 +286,7 @@ class _Examination:
 
     def take(self, stage: _Stage, experiment: Experiment, why: str) -> Picture:
         """A picture, looked at with all before. Raises RendererError."""
-        self.progress(f"{experiment}: {why}")
+        self.progress(experiment, why)
         picture, seconds = self.program.picture(experiment, stage.scene)
         height, width = picture.values.shape[:2]
         if (width, height) != (stage.scene.width, stage.scene.height):
@@ -300,7 +310,7 @@ class _Examination:
     def seeds_and_threads(self, stage: _Stage, first: Picture) -> None:
         """What a seed and threads do to the first picture, rendered again."""
         experiment, several = self.trials[0].experiment, self.trials[0].seconds
-        self.progress(f"{experiment}: again, with another seed, and on one thread")
+        self.progress(experiment, "again, with another seed, and on one thread")
         again, seconds = self.program.picture(experiment, stage.scene)
         other, _ = self.program.picture(replace(experiment, seed=2), stage.scene)
         repeats = np.array_equal(first.values, again.values)
