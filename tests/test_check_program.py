@@ -1,4 +1,4 @@
-"""A program's check: mistakes that the lab's scene hides are found, and what is no renderer is said."""
+"""A program's check: what the lab's scene hides is found, and what is no renderer is said."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from compare.check.moments import render
 from compare.check.program import Examined, check_program
 from compare.run.renderers import CommandRenderer, Job, MissingProgramError, RendererError
 
+TWO = "check_two_lights"
 TEMPLATE = f"{shlex.quote(sys.executable)} {{scene}} {{light_samples}} {{seed}} {{out}}"
 """Of programs that run in this process: see examined()"""
 
@@ -33,7 +34,7 @@ def examined(variant: Variant, scenes: tuple[str, ...], monkeypatch: pytest.Monk
 
 
 def test_a_right_program_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = examined(Variant(), ("tp3", "check_low", "check_two_lights"), monkeypatch)
+    found = examined(Variant(), ("tp3", "check_low", TWO), monkeypatch)
     assert found.diagnosis.best.variant.mistakes == ()
     assert {"area_by_norms", "flat_colour_squared", "only_one_light"} <= set(found.excluded)
     assert dict(found.facts).keys() >= {"seed_repeats", "size"}
@@ -42,10 +43,10 @@ def test_a_right_program_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("variant", "mistake", "scene"),
     [
-        (Variant(scale="area_by_norms"), "area_by_norms", "check_two_lights"),
-        (Variant(lights="divided_inside_light_loop"), "divided_inside_light_loop", "check_two_lights"),
-        (Variant(lights="averaged_over_lights"), "averaged_over_lights", "check_two_lights"),
-        (Variant(colour="flat_colour_squared"), "flat_colour_squared", "check_two_lights"),
+        (Variant(scale="area_by_norms"), "area_by_norms", TWO),
+        (Variant(lights="divided_inside_light_loop"), "divided_inside_light_loop", TWO),
+        (Variant(lights="averaged_over_lights"), "averaged_over_lights", TWO),
+        (Variant(colour="flat_colour_squared"), "flat_colour_squared", TWO),
         (Variant(visibility="unbounded"), "shadow_ray_wrong_length", "check_low"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
