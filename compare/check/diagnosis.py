@@ -12,7 +12,6 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -146,34 +145,60 @@ def diagnose(views: Sequence[View], power_known: bool = False, without: str = ""
     """power_known: the scene's power is what the program was given, so that a wrong brightness is a
     fault; without: a mistake that is not looked for, so that calibration can tell what becomes of
     one that the catalogue lacks. Raises MissingProgramError."""
-    search = _Search(views, power_known, without)
+    search = Search(power_known, without=without)
+    search.add(views)
     search.coarse()
     return search.fine()
 
 
-class _Search:
-    def __init__(self, views: Sequence[View], power_known: bool, without: str) -> None:
-        self.views, self.power_known, self.without = list(views), power_known, without
-        self.scenes = list({id(view.scene): view.scene for view in views}.values())
-        self.many = any(view.picture.samples_per_pixel > 1 for view in views)
-        parts: dict[int, View] = {}
-        self.parts = []
-        for view in views:
-            key = id(view.around)
-            if key not in parts:
-                parts[key] = view.part(PARTS, COARSE_GRID)
-            self.parts.append(parts[key].of(view.picture, view.grid))
-        self.shares = _shares(self.views)
+class Search:
+    """The hypotheses, and what the pictures so far, of one scene or several, say of each. Further
+    pictures can be added, and coarse() and fine() asked again."""
+
+    def __init__(self, power_known: bool, many: bool = False, without: str = "") -> None:
+        """many: pictures with several pixel samples may yet come; without: see diagnose."""
+        self.power_known, self.many, self.without = power_known, many, without
+        self.views: list[View] = []
+        self.parts: list[View] = []
+        """part() of each"""
+        self.scenes: list[Scene] = []
+        self.shares: list[float] = []
+        self.known: list[float] = []
         self.scored: dict[Variant, float] = {}
+        self._parts: dict[int, tuple[View, View]] = {}
+        self._said: dict[tuple[int, Variant, float], float] = {}
+
+    def add(self, views: Sequence[View]) -> None:
+        """Raises MissingProgramError."""
+        self.views += views
+        self.parts += [self.part(view) for view in views]
+        self.scenes = list({id(view.scene): view.scene for view in self.views}.values())
+        self.many |= any(view.picture.samples_per_pixel > 1 for view in self.views)
+        self.shares = _shares(self.views)
+        self.known = self._known()
+        self.scored = {}
+
+    def part(self, view: View) -> View:
+        """Every PARTS-th cell; views of the same rays share what is computed for it."""
+        key = id(view.around)
+        if key not in self._parts:
+            self._parts[key] = view, view.part(PARTS, COARSE_GRID)
+        return self._parts[key][1].of(view.picture, view.grid)
 
     # -- scores
 
     def score(self, views: list[View], variant: Variant, loose: float = 0.0) -> float:
         total = sum(
-            share * view.loglik(variant, _may_be_quiet(variant), loose)
+            share * self._loglik(view, variant, loose)
             for share, view in zip(self.shares, views, strict=True)
         )
         return TEMPER * total - self.price(variant)
+
+    def _loglik(self, view: View, variant: Variant, loose: float) -> float:
+        key = id(view), variant, loose
+        if key not in self._said:
+            self._said[key] = view.loglik(variant, _may_be_quiet(variant), loose)
+        return self._said[key]
 
     def price(self, variant: Variant) -> float:
         number, more = len(variant.mistakes), len(self.views) - 1
@@ -215,13 +240,13 @@ class _Search:
             return variant
         return replace(variant, factor=factor)
 
-    @cached_property
-    def known(self) -> list[float]:
+    def _known(self) -> list[float]:
         """The constant factors of the catalogue, for these pictures."""
-        lights = surface_lights(self.views[0].scene)
-        light = self.views[0].scene.lights[lights[0]]
-        n = self.views[self.lead].picture.nb_light_samples
-        own = [v for v in singles(self.scenes, self.many, self.without) if v.wrong and not self._is_power(v)]
+        lead = self.views[self.lead]
+        lights = surface_lights(lead.scene)
+        light, n = lead.scene.lights[lights[0]], lead.picture.nb_light_samples
+        own = [v for v in singles(self.scenes, self.many, self.without)
+               if v.wrong and not self._is_power(v)]  # fmt: skip
         found = [k for v in own if (k := constant(v, light, n)) is not None and k > 0]
         return [*found, 1 / len(lights)] if len(lights) > 1 else found
 
@@ -359,7 +384,7 @@ class _Search:
             for v, score in self.scored.items()
             if len(v.mistakes) == len(top.mistakes) and v.factor == top.factor
             and v.mistakes != top.mistakes and abs(score - self.scored[top]) < PARTS
-            and self._apart(v, top) < 1
+            and self.apart(v, top) < 1
         ] if top in self.scored else []  # fmt: skip
         return tuple(dict.fromkeys(v.mistakes for v in same if v.mistakes))
 
@@ -368,13 +393,13 @@ class _Search:
         shown: dict[str, bool] = {}
         for variant in singles(self.scenes, True, self.without) if not top.mistakes else ():
             for choice in variant.wrong:
-                seen = _usable(choice, self.scenes, self.many) and self._apart(variant, top) > (
+                seen = _usable(choice, self.scenes, self.many) and self.apart(variant, top) > (
                     ACCUSED + PRICE_ONE
                 )
                 shown[choice.mistake] = shown.get(choice.mistake, False) or seen
         return tuple(name for name, seen in shown.items() if not seen)
 
-    def _apart(self, a: Variant, b: Variant) -> float:
+    def apart(self, a: Variant, b: Variant) -> float:
         """How far, on average, the one's score is above the other's where it is the truth."""
         return TEMPER * sum(
             share * view.apart(a, b) * PARTS
@@ -495,6 +520,8 @@ def _shares(views: list[View]) -> list[float]:
         high.append((view.row[beside].astype(int) * 100_000 + view.column[beside], step))
     same = np.eye(len(views))
     for i, j in itertools.combinations(range(len(views)), 2):
+        if views[i].scene is not views[j].scene:
+            continue
         _, a, b = np.intersect1d(high[i][0], high[j][0], return_indices=True)
         if len(a) > 300 and high[i][1][a].std() > 0 and high[j][1][b].std() > 0:
             rho = float(np.corrcoef(high[i][1][a], high[j][1][b])[0, 1])

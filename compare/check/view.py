@@ -88,7 +88,7 @@ class View:
         self.channel = np.argmax(brdf * sum(lights), axis=1)
         every = np.arange(len(row))
         self.recoloured = self._recoloured(brdf * sum(lights))
-        self.value = picture.values[self.row, self.column, self.channel]
+        self.value = np.minimum(picture.values[self.row, self.column, self.channel], 1)
         camera = np.asarray(scene.camera.position) + grid.moved * np.asarray(scene.camera.forward)
         self.around = Surroundings(
             tuple(Moments(scene_file, i, sites, light_grid) for i in surface_lights(scene)),
@@ -161,7 +161,7 @@ class View:
         view = object.__new__(View)
         view.__dict__.update(self.__dict__)
         view.picture, view.grid = picture, grid
-        view.value = picture.values[self.row, self.column, self.channel]
+        view.value = np.minimum(picture.values[self.row, self.column, self.channel], 1)
         return view
 
     def prepare(self, keys: list[tuple[str, str, str]]) -> None:
