@@ -57,9 +57,13 @@ def _clamped(view: View, radiance: np.ndarray) -> np.ndarray:
     return radiance if view.picture.law == "float" else np.clip(radiance, 0, 1)
 
 
-def unexplained(view: View, variant: Variant) -> np.ndarray:
+def unexplained(view: View, scene_file: Path, variant: Variant) -> np.ndarray:
     """(H, W) float64: of the cell around each pixel, how far the picture's mean is above what the
-    variant foretells [standard errors, the check's tolerance among them]; NaN where no cell is."""
+    variant foretells [standard errors, the check's tolerance among them]; NaN where no cell is.
+    Raises MissingProgramError."""
+    picture, light_grid = view.picture, view.around.moments[0].grid
+    every_cell = picture.values.size
+    view = View(picture, view.grid, view.scene, scene_file, light_grid, every_cell)
     found = view.statistics(view.predict(variant))
     height, width = view.picture.values.shape[:2]
     shown = np.full((height, width), np.nan)
