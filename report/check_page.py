@@ -60,7 +60,7 @@ def _content(checked: Checked, hint: int) -> dict[str, Any]:
     found, diagnosis = checked.verdict, checked.diagnosis
     lead = lead_of(diagnosis.views)
     wrong = found.verdict == WRONG
-    seen = observations(found) if hint >= (NAME if wrong else WHERE) else []
+    seen = hint >= (NAME if wrong else WHERE)
     explains = wrong and hint >= NAME
     return {
         "tone": TONES[found.verdict],
@@ -68,7 +68,7 @@ def _content(checked: Checked, hint: int) -> dict[str, Any]:
         "confidence": "" if found.verdict == CANNOT_TELL else confidence(found),
         "scene": found.scene,
         "look": _look(checked) if wrong and hint == WHERE else None,
-        "observed": seen,
+        "observed": observations(found) if seen and found.verdict != RIGHT_ else [],
         "causes": _causes(checked, hint) if explains else [],
         "several": WORDS["several"] if explains and found.several else "",
         "alike": [titles(names) for names in found.alike] if wrong and hint >= ALL else [],
@@ -82,7 +82,7 @@ def _content(checked: Checked, hint: int) -> dict[str, Any]:
         "map": _map(checked, lead) if hint >= ALL else None,
         "light": _light(checked) if wrong and hint >= ALL else None,
         "pictures": [_row(view, checked, hint) for view in diagnosis.views],
-        "noise": hint >= (NAME if wrong else WHERE),
+        "noise": seen,
         "scene_file": checked.scene_file.name,
         "origin": origin(),
     }
@@ -133,9 +133,7 @@ def _runners(checked: Checked) -> list[dict[str, str]]:
     found = checked.verdict
     if UNKNOWN in found.mistakes:
         return []
-    return [
-        {"titles": titles(names), "odds": _odds(odds)} for names, odds in found.runners_up
-    ]
+    return [{"titles": titles(names), "odds": _odds(odds)} for names, odds in found.runners_up]
 
 
 def _odds(odds: float) -> str:
@@ -177,7 +175,9 @@ def _compare(checked: Checked, lead: View, hint: int) -> dict[str, Any]:
     best = diagnosis.best.variant
     if found.verdict == WRONG and hint >= NAME and best.mistakes:
         named = set(best.mistakes) == {*found.mistakes, *found.perhaps} - {UNKNOWN}
-        label = "with the mistake" if named and UNKNOWN not in found.mistakes else "with the nearest"
+        label = (
+            "with the mistake" if named and UNKNOWN not in found.mistakes else "with the nearest"
+        )
         shown.append((label, mistaken_picture(lead, checked.scene_file, best)))
     height, width = lead.picture.values.shape[:2]
     every = max(1, math.ceil(math.sqrt(height * width / MOST_PIXELS)))
@@ -195,8 +195,12 @@ def _compare(checked: Checked, lead: View, hint: int) -> dict[str, Any]:
             }
             for label, radiance in kept
         ],
-        "start": {"a": 0, "b": 1, 
-                  "x": int(lead.column[noisiest]) // every, "y": int(lead.row[noisiest]) // every},
+        "start": {
+            "a": 0,
+            "b": 1,
+            "x": int(lead.column[noisiest]) // every,
+            "y": int(lead.row[noisiest]) // every,
+        },
         "every": every,
         "expected": titles(best.mistakes) if len(shown) > 2 else "",
     }

@@ -31,6 +31,7 @@ def right_picture(view: View, factor: float = 1.0) -> np.ndarray:
             hits = grid.hits(scene, column + dx, row + dy, width, height)
             shown = shade(scene, hits)[0]
             shown[hits.object_id >= 0] *= factor
+            shown = _recoloured(view, shown, hits.object_id)
             radiance[row, column] += shown / len(places)
     return _clamped(view, radiance)
 
@@ -48,9 +49,23 @@ def mistaken_picture(view: View, scene_file: Path, variant: Variant, seed: int =
         seed,
         grid=view.grid,
     )
+    if view.recoloured:
+        height, width = radiance.shape[:2]
+        row, column = (a.ravel() for a in np.mgrid[0:height, 0:width])
+        seen = view.grid.hits(view.scene, column, row, width, height).object_id
+        radiance = _recoloured(view, radiance.reshape(-1, 3), seen).reshape(radiance.shape)
     if variant["output"].field("wrap"):
         return np.asarray(np.mod(radiance, TOP))
     return _clamped(view, radiance)
+
+
+def _recoloured(view: View, radiance: np.ndarray, object_id: np.ndarray) -> np.ndarray:
+    """(n, 3), with objects in the colours that they have in the picture."""
+    for i, thing in enumerate(view.scene.objects):
+        if thing.name in view.recoloured:
+            on = object_id == i
+            radiance[on] = radiance[on].max(axis=1, keepdims=True) * view.recoloured[thing.name]
+    return radiance
 
 
 def _clamped(view: View, radiance: np.ndarray) -> np.ndarray:
