@@ -1,7 +1,7 @@
 """The page of `penumbra check`: says what the terminal says and no more, offline, on any screen.
 
-Pictures are made by the library of mistakes, at the lab's scene in a small size; what a verdict says
-of them is other tests' business, so where a page needs one that pictures seldom get, it is put in.
+Pictures are made by the library of mistakes, of the lab's scene in a small size; which verdict they
+get is other tests' business, so where a page needs one that pictures seldom get, it is put in.
 """
 
 from __future__ import annotations
