@@ -113,7 +113,7 @@ def _cause(name: str, checked: Checked, hint: int) -> dict[str, Any]:
         text = WORDS["unknown"].format(loose=found.loose)
         nearest = WORDS["nearest"].format(title=titles(found.perhaps)) if found.perhaps else ""
         return {"title": "Not in the catalogue", "text": f"{text[0].upper()}{text[1:]}.",
-                "nearest": nearest, "formula": None, "reread": "", "look": ""}  # fmt: skip
+                "nearest": f"{nearest[:1].upper()}{nearest[1:]}", "formula": None, "reread": "", "look": ""}  # fmt: skip
     mistake = explained(name)
     return {
         "title": mistake.title,
@@ -207,7 +207,8 @@ def _compare(checked: Checked, lead: View, hint: int) -> dict[str, Any]:
 
 
 def _map(checked: Checked, lead: View) -> dict[str, Any]:
-    found, best = checked.verdict, checked.diagnosis.best.variant
+    found, diagnosis = checked.verdict, checked.diagnosis
+    best = (diagnosis.best if found.verdict == WRONG else diagnosis.right).variant
     excess = unexplained(lead, checked.scene_file, best)
     dark = np.isnan(excess)
     excess[dark] = 0

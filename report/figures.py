@@ -329,8 +329,8 @@ def places_chart(
                   linewidth=1.3, label="the quad")  # fmt: skip
         shown = weights > 0.002 * weights.max(initial=0)
         share = weights[shown] / max(float(weights.max(initial=0)), 1e-30)
-        axes.scatter(places[shown, 0], places[shown, 1], s=120 * share, color=STYLES["cycles"][0], alpha=0.75,
-                     linewidth=0, label="light")  # fmt: skip
+        axes.scatter(places[shown, 0], places[shown, 1], s=120 * share, color=STYLES["cycles"][0],
+                     alpha=0.75, linewidth=0, label="light")  # fmt: skip
         axes.set(xlabel="s along u [1]", ylabel="t along v [1]", aspect="equal",
                  xlim=(-1.7, 2.7), ylim=(-1.7, 2.7))  # fmt: skip
         axes.legend(loc="upper right", fontsize=7.5, handlelength=1.2)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Dialog, Page
 
 from compare.check.catalogue import Variant, catalogue
 from compare.check.checking import Checked, check
@@ -100,14 +100,14 @@ def opened(browser: Browser, file: Path, width: int, complaints: list[str]) -> P
     tab = browser.new_page(viewport={"width": width, "height": 900})
     tab.on("console", lambda message: complaints.append(message.text))
     tab.on("pageerror", lambda error: complaints.append(str(error)))
-    tab.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
-    tab.on(
-        "request",
-        lambda request: (
-            request.url.startswith(("data:", "blob:", file.as_uri()))
-            or complaints.append(request.url[:80])
-        ),
-    )
+
+    def dismiss(dialog: Dialog) -> None:
+        complaints.append("dialog")
+        dialog.dismiss()
+
+    tab.on("dialog", dismiss)
+    own = ("data:", "blob:", file.as_uri())
+    tab.on("request", lambda r: None if r.url.startswith(own) else complaints.append(r.url[:80]))
     tab.goto(file.as_uri())
     tab.wait_for_function("Number(document.getElementById('comparer').dataset.drawn || 0) > 0")
     return tab
@@ -177,6 +177,13 @@ def test_a_lower_hint_hides_what_the_terminal_hides(
     if hint < 2:
         assert not [m.title for m in catalogue().mistakes.values() if m.title in said]
         assert mistake.name not in html
+
+
+def test_who_is_not_accused_is_not_named(folder: Path, wrong: Checked) -> None:
+    """Not by what the map is held against either."""
+    held = replace(wrong.verdict, verdict="cannot tell", mistakes=(), alike=(), runners_up=())
+    said = _plain(html_of(folder, replace(wrong, verdict=held)))
+    assert catalogue().mistakes[WRONG.mistakes[0]].title not in said
 
 
 def test_hostile_names_are_shown_and_not_run(

@@ -1,4 +1,4 @@
-"""The pictures to hold a student's beside: the right one, the mistaken one, and what neither has."""
+"""Pictures to hold a student's beside: the right one, the mistaken one, what neither has."""
 
 from __future__ import annotations
 
