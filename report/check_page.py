@@ -112,8 +112,14 @@ def _cause(name: str, checked: Checked, hint: int) -> dict[str, Any]:
     if name == UNKNOWN:
         text = WORDS["unknown"].format(loose=found.loose)
         nearest = WORDS["nearest"].format(title=titles(found.perhaps)) if found.perhaps else ""
-        return {"title": "Not in the catalogue", "text": f"{text[0].upper()}{text[1:]}.",
-                "nearest": f"{nearest[:1].upper()}{nearest[1:]}", "formula": None, "reread": "", "look": ""}  # fmt: skip
+        return {
+            "title": "Not in the catalogue",
+            "text": f"{text[0].upper()}{text[1:]}.",
+            "nearest": f"{nearest[:1].upper()}{nearest[1:]}",
+            "formula": None,
+            "reread": "",
+            "look": "",
+        }
     mistake = explained(name)
     return {
         "title": mistake.title,
