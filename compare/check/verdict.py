@@ -97,10 +97,7 @@ def verdict(
     power_known: bool = False,
 ) -> Verdict:
     """grids: of the pictures, with how many pixels of outline each leaves unexplained."""
-    lead = min(
-        diagnosis.views,
-        key=lambda v: (v.picture.samples_per_pixel > 1, abs(math.log2(v.picture.nb_light_samples) - 4)),
-    )
+    lead = lead_of(diagnosis.views)
     top = diagnosis.best.variant
     regions = tuple(_regions(lead, _base(top, lead)))
     strange = _strange(lead, grids)
@@ -108,7 +105,7 @@ def verdict(
     n = lead.picture.nb_light_samples
     word, names, perhaps, several = _decide(diagnosis, lead, strange, brightness, power_known)
     facts = _facts(diagnosis, lead, grids, strange, word, scene_file)
-    effective = _effective(lead, diagnosis)
+    effective = effective_samples(lead, diagnosis)
     hidden = diagnosis.hidden if word == RIGHT_ else ()
     return Verdict(
         word,
@@ -130,6 +127,14 @@ def verdict(
         lead.scene.name,
         f"penumbra exact {scene_file} -o exact.exr && penumbra png exact.exr -o exact.png",
         n,
+    )
+
+
+def lead_of(views: Sequence[View]) -> View:
+    """The picture whose noise says most."""
+    return min(
+        views,
+        key=lambda v: (v.picture.samples_per_pixel > 1, abs(math.log2(v.picture.nb_light_samples) - 4)),
     )
 
 
@@ -298,7 +303,7 @@ def _noise(view: View, use: np.ndarray, residual: np.ndarray, variance: np.ndarr
     return float(within[full].sum() / foretold[full].sum())
 
 
-def _effective(lead: View, diagnosis: Diagnosis) -> float:
+def effective_samples(lead: View, diagnosis: Diagnosis) -> float:
     """The number of light samples that the noise is that of, by the penumbrae."""
     n = lead.picture.nb_light_samples
     top = diagnosis.best.variant
@@ -377,7 +382,7 @@ def _facts(
             facts["power"] = WORDS["power_several"].format(factor=shown.factor)
     if word == RIGHT_:
         n = lead.picture.nb_light_samples
-        times = _effective(lead, diagnosis) / n
+        times = effective_samples(lead, diagnosis) / n
         if times > 1.5:
             facts["better_sampler"] = WORDS["better_sampler"].format(times=times)
     clipped = (lead.value >= 1).mean()
@@ -462,20 +467,32 @@ def observations(found: Verdict) -> list[str]:
     return [text for _, text in sorted(said, key=lambda s: -s[0])[:4]]
 
 
+def confidence(found: Verdict) -> str:
+    share = found.confidence
+    shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
+    return WORDS["confidence"].format(confidence=shown)
+
+
+def rounded_odds(odds: float) -> str:
+    """
+    >>> rounded_odds(12.3), rounded_odds(2e7)
+    ('12', '10^7')
+    """
+    return f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
+
+
 def text(found: Verdict, hint: int = 3) -> str:
     """The verdict for a terminal. hint: 0 verdict, 1 where to look, 2 the handout's step and the
     mistake's name, 3 the formula and the evidence."""
     lines = [WORDS[found.verdict]]
     if found.verdict != CANNOT_TELL:
-        share = found.confidence
-        shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
-        lines[0] += f" ({WORDS['confidence'].format(confidence=shown)})"
+        lines[0] += f" ({confidence(found)})"
     if hint == 0:
         return "\n".join(lines) + "\n"
     seen = observations(found)
     if found.verdict == WRONG:
         if hint == 1:
-            what = "hint_noise" if _noise_only(found) else "hint_mean"
+            what = "hint_noise" if noise_only(found) else "hint_mean"
             lines += ["", WORDS["hint"].format(where=WORDS[what])]
             lines += [f"  {step}" for step in dict.fromkeys(
                 explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
@@ -486,7 +503,7 @@ def text(found: Verdict, hint: int = 3) -> str:
     if found.facts:
         lines += ["", WORDS["picture"], *(f"  {said}" for _, said in found.facts)]
     if found.verdict == RIGHT_:
-        lines += ["", _detectable(found)]
+        lines += ["", detection(found)]
         if found.hidden and hint >= 2:
             lines.append(WORDS["hidden"].format(mistakes="; ".join(title(n) for n in found.hidden)))
     if found.settle:
@@ -494,11 +511,11 @@ def text(found: Verdict, hint: int = 3) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _noise_only(found: Verdict) -> bool:
+def noise_only(found: Verdict) -> bool:
     return all(abs(r.ratio - 1) < 0.01 for r in found.regions if r.kind == "lit")
 
 
-def _detectable(found: Verdict) -> str:
+def detection(found: Verdict) -> str:
     brightness = f"{100 * found.detectable_brightness:.2g}%"
     if found.nb_light_samples == 1 or found.detectable_samples < 1:
         return WORDS["detectable_mean"].format(brightness=brightness)
@@ -533,8 +550,9 @@ def _explanation(found: Verdict, hint: int, seen: list[str]) -> list[str]:
             lines += ["", WORDS["alike"].format(titles="; ".join(titles(a) for a in found.alike))]
         if found.runners_up and UNKNOWN not in found.mistakes:
             lines += ["", WORDS["runners"]]
-            for names, odds in found.runners_up:
-                shown = f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
-                lines.append("  " + WORDS["odds"].format(odds=shown, titles=titles(names)))
+            lines += [
+                "  " + WORDS["odds"].format(odds=rounded_odds(odds), titles=titles(names))
+                for names, odds in found.runners_up
+            ]
         lines += ["", WORDS["command"].format(command=found.command)]
     return lines

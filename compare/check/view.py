@@ -69,12 +69,20 @@ class View:
     """A picture on its grid, at the sites that tell. Raises MissingProgramError."""
 
     def __init__(
-        self, picture: Picture, grid: Grid, scene: Scene, scene_file: Path, light_grid: int = 16
+        self,
+        picture: Picture,
+        grid: Grid,
+        scene: Scene,
+        scene_file: Path,
+        light_grid: int = 16,
+        most_cells: int = MOST_CELLS,
     ) -> None:
         self.picture, self.grid, self.scene, self.quick = picture, grid, scene, False
         self._parts: dict[tuple[int, int], View] = {}  # of all pictures with these rays
         height, width = picture.values.shape[:2]
-        self.row, self.column, self.cell = _sites(scene, scene_file, grid, width, height)
+        self.row, self.column, self.cell = _sites(
+            scene, scene_file, grid, width, height, most_cells
+        )
         self._look(scene_file, light_grid)
 
     def _look(self, scene_file: Path, light_grid: int) -> None:
@@ -316,7 +324,7 @@ def _sites_at(
 
 
 def _sites(
-    scene: Scene, scene_file: Path, grid: Grid, width: int, height: int
+    scene: Scene, scene_file: Path, grid: Grid, width: int, height: int, most_cells: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row, column and cell of the pixels that tell: all where shadows may fall, one in THIN^2
     elsewhere, none at an object's rim or far away."""
@@ -340,9 +348,9 @@ def _sites(
     r, c, cell = r[keep], c[keep], cell[keep]
     _, cell = np.unique(cell, return_inverse=True)
     number = int(cell.max()) + 1 if len(cell) else 0
-    if number > MOST_CELLS:
+    if number > most_cells:
         chosen = np.zeros(number, dtype=bool)
-        chosen[np.random.default_rng(1).permutation(number)[:MOST_CELLS]] = True
+        chosen[np.random.default_rng(1).permutation(number)[:most_cells]] = True
         r, c, cell = r[chosen[cell]], c[chosen[cell]], cell[chosen[cell]]
     return r, c, cell
 
