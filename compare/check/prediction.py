@@ -27,6 +27,8 @@ from compare.scene import PointLight, QuadLight, Scene
 
 MIXTURE = 16
 """Up to so many samples a clamp acts on each number of visible ones apart."""
+MOST_PARTS = (MIXTURE + 1) ** 2
+"""Of a mixture over the visible samples of several lights"""
 P_GRID = np.linspace(0, 1, 257)
 TOP = 256 / 255
 """What wraps to 0"""
@@ -115,14 +117,16 @@ def predict(
     extra = left * variant["output"].field("ambient") * colour + (1 - left) * around.background
     mean, var, across = left * mean + extra, left**2 * var, left**2 * across
     mixture: list[Part] = []
-    if len(parts) == 1 and not quick and not parts[0][3]:
-        p, shaded, variance, _ = parts[0]
-        alone = (p, left * shaded, left**2 * variance)
+    if parts and not quick and not any(fixed for _, _, _, fixed in parts):
         within = 1 if variant["clamp"].arguments == ("PIXEL",) else m
-        mixture = [
-            (chance, extra + first, second + across / within)
-            for chance, first, second in _parts(variant, n, within, *alone)
-        ]
+        mixture = [(np.ones_like(mean), extra, across / within)]
+        for p, shaded, variance, _ in parts:
+            own = _parts(variant, n, within, p, left * shaded, left**2 * variance)
+            mixture = [
+                (c * chance, one + first, two + second)
+                for c, one, two in (mixture if len(mixture) * len(own) <= MOST_PARTS else [])
+                for chance, first, second in own
+            ]
     if variant["clamp"].arguments == ("PIXEL",):
         mean, var = _through(clipped, mean, var + across, mixture)
         var = var / m
