@@ -84,9 +84,7 @@ def run(options: argparse.Namespace) -> int:
         )
     else:
         scene_file = scene_named(options.scene)
-        checked = check(
-            options.images, scene_file, options.light_samples, options.pixel_samples
-        )
+        checked = check(options.images, scene_file, options.light_samples, options.pixel_samples)
     print(text(checked.verdict, options.hint), end="")
     if options.json:
         from compare.run.output import write_json
@@ -109,5 +107,7 @@ def scene_named(text: str) -> Path:
     own = ROOT / "scenes" / f"{text}.json"
     if own.is_file():
         return own
-    names = ", ".join(sorted(f.stem for f in (ROOT / "scenes").glob("*.json") if "schema" not in f.name))
+    names = ", ".join(
+        sorted(f.stem for f in (ROOT / "scenes").glob("*.json") if "schema" not in f.name)
+    )
     raise UsageError(f"--scene {text}: neither a file nor one of {names}")

@@ -20,7 +20,9 @@ TEMPLATE = f"{shlex.quote(sys.executable)} {{scene}} {{light_samples}} {{seed}} 
 """Of programs that run in this process: see examined()"""
 
 
-def examined(variant: Variant, scenes: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> Examined:
+def examined(
+    variant: Variant, scenes: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> Examined:
     """Of a renderer that makes pictures of half the scene's size."""
 
     def run(self: CommandRenderer, job: Job, out: Path) -> float:

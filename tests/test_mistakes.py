@@ -7,8 +7,8 @@ import json
 import re
 import subprocess
 import sys
-from functools import cache
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import pytest
 
 from compare.check.catalogue import RIGHT, Variant, catalogue
 from compare.check.grid import Grid
-from compare.check.moments import Moments, Sites, choice_id, render
+from compare.check.moments import Moments, choice_id, render
 from compare.check.prediction import Surroundings, _sample, predict, surface_lights
 from compare.check.view import _sites_at, _slope
 from compare.scene import read_scene
@@ -97,7 +97,6 @@ def stage(file: Path) -> Stage:
         _slope(scene, file, sites),
     )
     return Stage(file, around, row, column, channel)
-
 
 
 @pytest.fixture(scope="module")

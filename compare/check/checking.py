@@ -61,7 +61,9 @@ def check(
     views, grids = look(pictures, scene, scene_file)
     for file, view in zip(files, views, strict=True):
         if len(view.count) < 20:
-            raise ImageError(f"{file}: too small to tell anything: fewer than 20 cells of 8x8 pixels")
+            raise ImageError(
+                f"{file}: too small to tell anything: fewer than 20 cells of 8x8 pixels"
+            )
     diagnosis = diagnose(views)
     return Checked(verdict(diagnosis, grids, scene_file), diagnosis, tuple(grids), scene_file)
 

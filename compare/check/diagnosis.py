@@ -20,8 +20,8 @@ from scipy.optimize import nnls
 
 from compare.check.catalogue import RIGHT, SPLIT, Choice, Variant, catalogue
 from compare.check.grid import Grid, fit_grid
-from compare.check.picture import Picture
 from compare.check.moments import Key
+from compare.check.picture import Picture
 from compare.check.prediction import brightness, key_of, one_place, surface_lights
 from compare.check.view import View
 from compare.scene import QuadLight, Scene
@@ -115,9 +115,7 @@ def look(
     single = next((p for p in pictures if p.samples_per_pixel == 1), None)
     first = fit_grid(single, scene) if single else None
     for picture in pictures:
-        grid, miss = (
-            first if picture is single and first else _fit_like(picture, scene, first)
-        )
+        grid, miss = first if picture is single and first else _fit_like(picture, scene, first)
         fitted.append((grid, miss))
         twin = next(
             (
@@ -128,13 +126,13 @@ def look(
             ),
             None,
         )
-        views.append(twin.of(picture, grid) if twin else View(picture, grid, scene, scene_file, FINE_GRID))
+        views.append(
+            twin.of(picture, grid) if twin else View(picture, grid, scene, scene_file, FINE_GRID)
+        )
     return views, fitted
 
 
-def _fit_like(
-    picture: Picture, scene: Scene, first: tuple[Grid, int] | None
-) -> tuple[Grid, int]:
+def _fit_like(picture: Picture, scene: Scene, first: tuple[Grid, int] | None) -> tuple[Grid, int]:
     """A further picture's grid: the first one's, if both take one ray a pixel."""
     if first and picture.samples_per_pixel == 1:
         return first
@@ -272,7 +270,9 @@ class Search:
             shapes = [v for v in ones if (v.domain, v.visibility, v.weight) != (RIGHT,) * 3]
             shapes += [Variant(average=a) for a in ("n_no_effect", "running_half")]
             self.try_all([self.with_factor(v) for v in shapes])
-            seeds = list(dict.fromkeys(replace(v, factor=1.0) for v in self.ordered() if v.mistakes))
+            seeds = list(
+                dict.fromkeys(replace(v, factor=1.0) for v in self.ordered() if v.mistakes)
+            )
             for seed in seeds[:SEEDS]:
                 self.try_all(pairs(seed, self.scenes, self.many, self.without))
         elif best.mistakes:
@@ -317,7 +317,11 @@ class Search:
         ordered = self.ordered()
         best = self.scored[ordered[0]]
         finalists = [v for v in ordered[:FINALISTS] if self.scored[v] > best - FAR_BEHIND]
-        finalists += [v for v in (Variant(), *[v for v in ordered if not v.mistakes][:2]) if v not in finalists]
+        finalists += [
+            v
+            for v in (Variant(), *[v for v in ordered if not v.mistakes][:2])
+            if v not in finalists
+        ]
         for view in {id(view.around): view for view in self.views}.values():
             view.prepare(keys_of(finalists))
         found = {v: self.score(self.views, v) for v in finalists}
@@ -328,7 +332,9 @@ class Search:
             if less not in found:
                 found[less] = self.score(self.views, less)
             losses[choice.mistake] = found[top] - found[less]
-        sure = [name for name, loss in sorted(losses.items(), key=lambda x: -x[1]) if loss > ACCUSED]
+        sure = [
+            name for name, loss in sorted(losses.items(), key=lambda x: -x[1]) if loss > ACCUSED
+        ]
         hypotheses = sorted((Hypothesis(v, s) for v, s in found.items()), key=lambda h: -h.score)
         ranking: dict[tuple[Any, ...], Hypothesis] = {}
         for h in hypotheses:
@@ -434,7 +440,11 @@ def _usable(choice: Choice, scenes: Sequence[Scene], many: bool) -> bool:
 
 def _widened(variant: Variant) -> list[Variant]:
     """Where the chance of a visible sample matters by itself, so does the small offset."""
-    if variant["average"].macro == SPLIT and variant.visibility == RIGHT and variant.domain == RIGHT:
+    if (
+        variant["average"].macro == SPLIT
+        and variant.visibility == RIGHT
+        and variant.domain == RIGHT
+    ):
         return [replace(variant, visibility=v) for v in (RIGHT, "offset_0", "offset_0_01")]
     return [variant]
 
@@ -444,7 +454,8 @@ def singles(scenes: Sequence[Scene], many: bool = True, without: str = "") -> li
     return [
         variant
         for choice in catalogue().choices.values()
-        if choice.name != RIGHT and (not without or choice.mistake != without)
+        if choice.name != RIGHT
+        and (not without or choice.mistake != without)
         and _usable(choice, scenes, many)
         for variant in _widened(Variant().replaced(choice))
     ]
@@ -457,7 +468,9 @@ def pairs(
     return [
         widened
         for choice in catalogue().choices.values()
-        if choice.mistake and choice.mistake != without and getattr(variant, choice.module) in (RIGHT, "offset_0", "offset_0_01")
+        if choice.mistake
+        and choice.mistake != without
+        and getattr(variant, choice.module) in (RIGHT, "offset_0", "offset_0_01")
         and _usable(choice, scenes, many)
         and _sensible(two := variant.replaced(choice))
         for widened in _widened(two)
@@ -481,7 +494,9 @@ def constant(variant: Variant, light: Any, n: int) -> float | None:
     if average.macro == SPLIT:
         return None
     drawn = np.arange(int(average.evaluate(0, n=float(n))), dtype=float)
-    weights = np.broadcast_to(np.asarray(average.evaluate(1, n=float(n), i=drawn), float), drawn.shape)
+    weights = np.broadcast_to(
+        np.asarray(average.evaluate(1, n=float(n), i=drawn), float), drawn.shape
+    )
     return scale * float(weights.sum())
 
 
@@ -495,8 +510,10 @@ def _sensible(variant: Variant) -> bool:
         if variant.visibility not in (RIGHT, "none") or variant.weight not in WEIGHTS_WITH_DOMAIN:
             return False
         if one_place(variant) and (
-            average.macro == SPLIT or variant.average in ("n_no_effect", "running_half")
-            or variant.clamp == "per_light_sample" or variant.generator != RIGHT
+            average.macro == SPLIT
+            or variant.average in ("n_no_effect", "running_half")
+            or variant.clamp == "per_light_sample"
+            or variant.generator != RIGHT
         ):
             return False
     if variant.generator != RIGHT:  # with another mistake nearly every picture would be possible

@@ -150,9 +150,7 @@ def brightness(light: object, variant: Variant, n: int) -> float:
     return float(scale) * variant.factor
 
 
-def _sample(
-    moments: Moments, variant: Variant
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+def _sample(moments: Moments, variant: Variant) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """p, mean and variance of w where the light is seen, and whether p is a part of the pixel."""
     ray = variant["visibility"]
     p, first, second = moments[key_of(variant)].astype(float)
@@ -257,9 +255,7 @@ def _parts(
         if m > 1 or n > MIXTURE:
             return []
         chance, f, h = _split(average.arguments, n, p[:, None])
-        return [
-            (chance[:, k], f[k] * w, f[k] ** 2 * s2 / max(h[k], 1)) for k in range(n + 1)
-        ]
+        return [(chance[:, k], f[k] * w, f[k] ** 2 * s2 / max(h[k], 1)) for k in range(n + 1)]
     weights = _weights(variant, n)
     one, two = float(weights.sum()), float((weights**2).sum())
     samples = round(one**2 / two) * m if two > 0 else 0  # of equal weight, as good as these

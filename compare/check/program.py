@@ -227,9 +227,7 @@ def _black(like: Picture, shape: tuple[int, ...]) -> Picture:
 
 
 class _Examination:
-    def __init__(
-        self, program: _Program, scenes: Sequence[str], progress: Progress
-    ) -> None:
+    def __init__(self, program: _Program, scenes: Sequence[str], progress: Progress) -> None:
         self.program, self.progress = program, progress
         files = [ROOT / "scenes" / f"{name}.json" for name in scenes]
         read = [(file, read_scene(file)) for file in files]

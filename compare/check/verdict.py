@@ -134,7 +134,10 @@ def lead_of(views: Sequence[View]) -> View:
     """The picture whose noise says most."""
     return min(
         views,
-        key=lambda v: (v.picture.samples_per_pixel > 1, abs(math.log2(v.picture.nb_light_samples) - 4)),
+        key=lambda v: (
+            v.picture.samples_per_pixel > 1,
+            abs(math.log2(v.picture.nb_light_samples) - 4),
+        ),
     )
 
 
@@ -450,7 +453,9 @@ def observations(found: Verdict) -> list[str]:
     for region in found.regions:
         if region.kind == "shadow":
             if region.ratio > 1.5 / 255:
-                text = WORDS["region_not_black"].format(region=region.name, value=255 * region.ratio)
+                text = WORDS["region_not_black"].format(
+                    region=region.name, value=255 * region.ratio
+                )
                 said.append((region.ratio * 10, text))
             continue
         off = abs(region.ratio - 1)

@@ -8,7 +8,6 @@ edges of pixels, a framework's own offsets) cannot shout. docs/check.md derives 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -368,7 +367,11 @@ def _busy(scene: Scene, scene_file: Path, hits: object, usable: np.ndarray) -> n
     partly = np.zeros(len(where), dtype=bool)
     for light in surface_lights(scene):
         moments = Moments(scene_file, light, sites, 6)
-        keys = [("std", "std", "std"), ("std", "offset_0_5", "std"), ("about_corner_double", "std", "std")]
+        keys = [
+            ("std", "std", "std"),
+            ("std", "offset_0_5", "std"),
+            ("about_corner_double", "std", "std"),
+        ]
         moments.prepare(keys)
         for key in keys:
             chance = moments[key][0]
