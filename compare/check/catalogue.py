@@ -1,7 +1,7 @@
 """The catalogue of mistakes, and what a renderer is to it: one choice in each module.
 
-The entries stand in c_renderer/mistakes/catalogue.def, which says what each field is; the library of
-mistakes compiles the same text.
+The entries stand in c_renderer/mistakes/catalogue.def, which says what each field is; the library
+of mistakes compiles the same text.
 """
 
 from __future__ import annotations

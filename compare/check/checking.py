@@ -55,7 +55,8 @@ def check(
         n, m = light_samples or n, pixel_samples or m or 1
         if n is None:
             raise CheckError(
-                f"{file}: its name does not say how many light samples it has: give --light-samples N"
+                f"{file}: its name does not say how many light samples it has: "
+                "give --light-samples N"
             )
         pictures.append(read_picture(file, scene, n, m))
     views, grids = look(pictures, scene, scene_file)

@@ -32,7 +32,8 @@ PRICE_ONE, PRICE_TWO, PRICE_MORE, PRICE_FACTOR = 25.0, 60.0, 25.0, 45.0
 """Of one mistake, of two, of every further one, of an unexplained brightness beside a mistake, in
 units of the tempered log-likelihood"""
 PRICE_DIFFUSE = 60.0
-"""More for random numbers that pixels share, which explain nearly any mean"""
+"""More for random numbers that pixels share, which explain nearly any mean, and for unclamped
+cosines, which change next to nothing and may pass for a better sampler"""
 PRICE_PICTURE_ONE, PRICE_PICTURE_TWO = 5.0, 25.0
 """More for every picture beyond the first"""
 ACCUSED = 15.0
@@ -56,8 +57,10 @@ SEEDS = 8
 MOST_MISTAKES = 4
 PLACES = np.arange(-1.5, 2.51, 0.25)
 """Of a free light: shares of the edges"""
-WEIGHTS_WITH_DOMAIN = ("std", "pdf_times_cos", "no_light_cosine", "no_receiver_cosine",
-                       "cos_of_cos_receiver", "distance_not_squared", "distance_omitted")  # fmt: skip
+WEIGHTS_WITH_DOMAIN = (
+    *("std", "pdf_times_cos", "no_light_cosine", "no_receiver_cosine"),
+    *("cos_of_cos_receiver", "distance_not_squared", "distance_omitted"),
+)
 """What is tried together with samples that fall beside the light"""
 
 
@@ -203,7 +206,10 @@ class Search:
         price = 0.0
         if number == 1:
             price = PRICE_ONE + PRICE_PICTURE_ONE * more
-            if variant.generator != RIGHT:
+            if (
+                variant.generator != RIGHT
+                or variant["weight"].mistake == "receiver_cosine_unclamped"
+            ):
                 price += PRICE_DIFFUSE
         elif number:
             price = PRICE_TWO + PRICE_PICTURE_TWO * more + PRICE_MORE * (number - 2)
@@ -531,7 +537,8 @@ def _shares(views: list[View]) -> list[float]:
         mean = view.predict(Variant()).mean
         beside = np.flatnonzero(
             (np.diff(view.column) == 1) & (np.diff(view.row) == 0)
-            & (mean[1:] > 0.05) & (mean[1:] < 0.9) & (view.value[1:] < 0.95) & (view.value[1:] > 0.03)
+            & (mean[1:] > 0.05) & (mean[1:] < 0.9)
+            & (view.value[1:] < 0.95) & (view.value[1:] > 0.03)
         )  # fmt: skip
         step = np.diff(view.value - mean)[beside]
         high.append((view.row[beside].astype(int) * 100_000 + view.column[beside], step))

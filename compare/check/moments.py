@@ -53,7 +53,7 @@ def opened() -> tuple[cffi.FFI, Any]:
 @cache
 def choice_id(module: str, name: str) -> int:
     """The library's number of a choice."""
-    ffi, library = opened()
+    _, library = opened()
     number = int(library.mistakes_choice(MODULES.index(module), name.encode()))
     if number < 0:
         raise MissingProgramError(f"{LIBRARY}: has no {module} {name}: run `make build`")

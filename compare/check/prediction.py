@@ -262,7 +262,7 @@ def _parts(
     if samples > MIXTURE:
         return []
     return [
-        (_binomial(samples, np.float64(k), p), one * w * k / max(samples, 1),
+        (_binomial(samples, np.asarray(float(k)), p), one * w * k / max(samples, 1),
          one**2 * s2 * k / max(samples, 1) ** 2)
         for k in range(samples + 1)
     ]  # fmt: skip

@@ -30,6 +30,8 @@ WELL = 0.4
 """A free light explains a picture if it leaves so little of the misfit"""
 NEAR = 0.02
 """Brightness that no mistake explains, within which a picture may still be right"""
+UNNAMED = 60.0
+"""Gain from which a picture is called wrong though no mistake explains it"""
 REGIONS = ("lit", "penumbra", "shadow")
 FEW = 60
 
@@ -172,7 +174,7 @@ def _decide(
             return WRONG, (*diagnosis.sure, UNKNOWN), _rest(diagnosis), True
         if named:
             return WRONG, (UNKNOWN,), top.mistakes, False
-        if diagnosis.loose >= NEAR and not coarse:
+        if diagnosis.loose >= NEAR and diagnosis.unexplained > UNNAMED:
             return WRONG, (UNKNOWN,), (), False
         return CANNOT_TELL, (), (), False
     if named:
@@ -376,11 +378,11 @@ def _facts(
     if shown.factor != 1 and word != CANNOT_TELL:
         lights = [light for light in lead.scene.lights if hasattr(light, "radiance")]
         if len(lights) == 1:
-            stated = max(lights[0].radiance)
-            power = stated * shown.factor
+            own = max(lights[0].radiance)
+            power = own * shown.factor
             close = float(f"{power:.2g}")
             power = close if abs(power / close - 1) < 0.006 else power
-            facts["power"] = WORDS["power"].format(power=power, stated=stated)
+            facts["power"] = WORDS["power"].format(power=power, stated=own)
         else:
             facts["power"] = WORDS["power_several"].format(factor=shown.factor)
     if word == RIGHT_:

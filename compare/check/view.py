@@ -22,7 +22,8 @@ from compare.check.prediction import Law, Surroundings, predict, surface_lights
 from compare.scene import Scene
 
 CELL, THIN = 8, 2
-"""A cell's side [pixels]; where nothing happens cells are THIN times larger, of every THIN-th pixel."""
+"""A cell's side [pixels]; where nothing happens cells are THIN times larger, of every THIN-th
+pixel."""
 RIM = 3
 """Pixels so near to another object are left out: half of them show both."""
 FAR = 0.6
@@ -204,7 +205,7 @@ class View:
         ends = self.mean(((mean > 1 - 1e-6) | (mean < 1e-6)).astype(float))
         foretold = self.mean(variance)
         shown_mean = self.mean(shown)
-        shared = 1.0
+        shared: np.ndarray | float = 1.0
         inside = foretold
         if law.correlation == "ALL":
             shared, inside = self.count, 0.03 * foretold
@@ -217,7 +218,7 @@ class View:
         residual_variance = variance_of_mean + (RELATIVE * shown_mean) ** 2 + absolute**2
         noise = within * self.count / np.maximum(self.count - 1, 1)
         ratio = np.log((noise + floor) / (inside + floor))
-        wide = 1.0 if law.correlation == "ALL" or coarse else NOISE**2
+        wide: np.ndarray | float = 1.0 if law.correlation == "ALL" or coarse else NOISE**2
         if law.rare > 0.01:  # a cell may have none of those pixels, or many
             wide = wide + np.minimum(1 / (law.rare * np.maximum(self.count, 1)), 1)
         noise_variance = np.where(

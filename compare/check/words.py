@@ -1,4 +1,5 @@
-"""What `penumbra check` says, in English: one place, so that a course can say it in another language.
+# ruff: noqa: E501 (a text a line)
+"""What `penumbra check` says, in English: one place, so that a course can translate it.
 
 The texts of the mistakes themselves stand in c_renderer/mistakes/catalogue.def.
 """
