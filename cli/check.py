@@ -106,7 +106,8 @@ def scene_named(text: str) -> Path:
         return file
     own = ROOT / "scenes" / f"{text}.json"
     if own.is_file():
-        return own
+        here = Path.cwd()
+        return own.relative_to(here) if own.is_relative_to(here) else own
     names = ", ".join(
         sorted(f.stem for f in (ROOT / "scenes").glob("*.json") if "schema" not in f.name)
     )

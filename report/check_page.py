@@ -21,6 +21,7 @@ from compare.check.verdict import (
     detection,
     effective_samples,
     explained,
+    headline,
     lead_of,
     noise_only,
     observations,
@@ -64,7 +65,7 @@ def _content(checked: Checked, hint: int) -> dict[str, Any]:
     explains = wrong and hint >= NAME
     return {
         "tone": TONES[found.verdict],
-        "headline": WORDS[found.verdict],
+        "headline": headline(found),
         "confidence": "" if found.verdict == CANNOT_TELL else confidence(found),
         "scene": found.scene,
         "look": _look(checked) if wrong and hint == WHERE else None,

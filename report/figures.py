@@ -317,9 +317,7 @@ def profile_chart(
         return _svg(figure, name, description)
 
 
-def places_chart(
-    name: str, description: str, places: np.ndarray, weights: np.ndarray
-) -> Markup:
+def places_chart(name: str, description: str, places: np.ndarray, weights: np.ndarray) -> Markup:
     """Where a light seems to be: places (k, 2) along its edges, of areas as their weights (k,),
     beside the quad that it should be, as inline SVG."""
     with matplotlib.rc_context(RC):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,8 @@ WELL = 0.4
 """A free light explains a picture if it leaves so little of the misfit"""
 NEAR = 0.02
 """Brightness that no mistake explains, within which a picture may still be right"""
+HOPELESS = 1e6
+"""Odds against from which another explanation is not worth a word"""
 UNNAMED = 60.0
 """Gain from which a picture is called wrong though no mistake explains it"""
 REGIONS = ("lit", "penumbra", "shadow")
@@ -89,7 +91,9 @@ class Verdict:
     scene: str
     command: str
     nb_light_samples: int
-    evidence: dict[str, Any] = field(default_factory=dict)
+    """of the picture that says most"""
+    most_light_samples: int
+    """of all"""
 
 
 def verdict(
@@ -129,6 +133,7 @@ def verdict(
         lead.scene.name,
         f"penumbra exact {scene_file} -o exact.exr && penumbra png exact.exr -o exact.png",
         n,
+        max(view.picture.nb_light_samples for view in diagnosis.views),
     )
 
 
@@ -347,7 +352,7 @@ def _runners_up(diagnosis: Diagnosis) -> tuple[tuple[tuple[str, ...], float], ..
             continue
         if not set(h.variant.mistakes) >= set(best.variant.mistakes) or not best.variant.mistakes:
             found.append((h.variant.mistakes, math.exp(min(best.score - h.score, 700))))
-    return tuple(found[:3])
+    return tuple((names, odds) for names, odds in found[:3] if odds < HOPELESS)
 
 
 def _facts(
@@ -491,7 +496,7 @@ def rounded_odds(odds: float) -> str:
 def text(found: Verdict, hint: int = 3) -> str:
     """The verdict for a terminal. hint: 0 verdict, 1 where to look, 2 the handout's step and the
     mistake's name, 3 the formula and the evidence."""
-    lines = [WORDS[found.verdict]]
+    lines = [headline(found)]
     if found.verdict != CANNOT_TELL:
         lines[0] += f" ({confidence(found)})"
     if hint == 0:
@@ -514,8 +519,15 @@ def text(found: Verdict, hint: int = 3) -> str:
         if found.hidden and hint >= 2:
             lines.append(WORDS["hidden"].format(mistakes="; ".join(title(n) for n in found.hidden)))
     if found.settle:
-        lines += ["", WORDS["settle"].format(what="; or ".join(found.settle))]
+        key = "more" if found.verdict == RIGHT_ else "settle"
+        lines += ["", WORDS[key].format(what="; or ".join(found.settle))]
     return "\n".join(lines) + "\n"
+
+
+def headline(found: Verdict) -> str:
+    """The verdict in a sentence"""
+    one = found.verdict == RIGHT_ and found.most_light_samples == 1
+    return WORDS["right at one" if one else found.verdict]
 
 
 def noise_only(found: Verdict) -> bool:
