@@ -32,16 +32,18 @@ MEAN, VARIANCE = 0.01, 0.06
 GRID = 4e-3
 """Of one site's mean: its share of the light, counted on 24 x 24 places"""
 EDGE = 2e-4
-"""Of the variance of one place of the light: an edge that crosses a pixel beside its 3 x 3 places"""
+"""Of the variance of one place of the light: an edge that crosses a pixel beside its 9 places"""
 STEEP = ("any_visible", "all_visible")
-"""What varies within a pixel of the penumbra by more than the light does; a law of M > 1 has its mean"""
+"""What varies within a pixel of the penumbra by more than the light does; a law of M > 1 has its
+mean"""
 WIDE = {"position": [0, 0, 0], "look_at": [0, -0.72, 3], "up": [0, 1, 0], "fov_y_deg": 26}
 NEAR = {"position": [0, 0, 0], "look_at": [0, -2, 1.8], "up": [0, 1, 0], "fov_y_deg": 5}
 """On the penumbra, in pixels as small as the lab's, so that light is even in each"""
+WHITE = {"v": [0, 0, 2], "color": [1, 1, 1]}
 QUADS = [
-    {"name": "left", "position": [2, 10, 2], "u": [-2, 0, 0], "v": [0, 0, 2], "color": [1, 1, 1], "power": 25},
-    {"name": "right", "position": [-1, 9, 2], "u": [-1, 0, 0], "v": [0, 0, 2], "color": [1, 1, 1], "power": 20},
-]  # fmt: skip
+    {"name": "left", "position": [2, 10, 2], "u": [-2, 0, 0], "power": 25} | WHITE,
+    {"name": "right", "position": [-1, 9, 2], "u": [-1, 0, 0], "power": 20} | WHITE,
+]
 SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "tp3": ("tp3", {}),
     "sheared": ("tp3_sheared", {}),

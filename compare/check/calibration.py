@@ -146,7 +146,7 @@ FEW_PAIRS = ((0, 4), (3, 5), (2, 9), (4, 7), (2, 11))
 FEW_LEFT_OUT = (2, 3, 5, 11)
 
 
-def few(correct: int = 40, seed: int = 1) -> list[Specimen]:
+def few(correct: int = 32, seed: int = 1) -> list[Specimen]:
     """What tests take: FEW, pairs of them, some left out, and correct renderers, of one scene and
     its simplest rays."""
     rng = np.random.default_rng(seed)
