@@ -340,14 +340,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

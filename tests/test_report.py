@@ -266,8 +266,8 @@ def test_page_loads_nothing_from_elsewhere(page_file: Path) -> None:
 
 
 def test_contents_are_the_sections_in_their_order(page_file: Path) -> None:
-    """Those that are not optional, or whose input is shipped; and each of the list has a template, and each template is one
-    of the list's, of the page, or included."""
+    """Those that are not optional, or whose input is shipped; each of the list has a template, and
+    each template is one of the list's, of a page, or included."""
     tags = _Document(page_file.read_text()).tags
     shown = [str(a["id"]) for tag, a in tags if tag == "section"]
     kept = [s.name for s in SECTIONS if not s.optional or any(i.shipped for i in s.inputs)]

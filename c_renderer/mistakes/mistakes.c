@@ -42,39 +42,40 @@ typedef struct {
             t[j] = t_;                                                                             \
         }                                                                                          \
     }
-#define WEIGHT(name, factor)                                                                      \
-    static void weight_##name(int count, const double *raw_, const double *cl_, const double *d_, \
-                              double *w)                                                          \
-    {                                                                                             \
-        for (int j = 0; j < count; j++) {                                                         \
-            double raw = raw_[j], cl = cl_[j], d = d_[j], cs = raw > 0 ? raw : 0;                 \
-            (void)raw, (void)cs, (void)d;                                                         \
-            w[j] = cl > 0 ? (factor) : 0;                                                         \
-        }                                                                                         \
+#define WEIGHT(name, factor)                                                                       \
+    static void weight_##name(int count, const double *raw_, const double *cl_, const double *d_,  \
+                              double *w)                                                           \
+    {                                                                                              \
+        for (int j = 0; j < count; j++) {                                                          \
+            double raw = raw_[j], cl = cl_[j], d = d_[j], cs = raw > 0 ? raw : 0;                  \
+            (void)raw, (void)cs, (void)d;                                                          \
+            w[j] = cl > 0 ? (factor) : 0;                                                          \
+        }                                                                                          \
     }
-#define OF(result, prefix, name, a, b, c)                       \
-    static double prefix##_##name(double a, double b, double c) \
-    {                                                           \
-        (void)a, (void)b, (void)c;                              \
-        return result;                                          \
+#define OF(result, prefix, name, a, b, c)                                                          \
+    static double prefix##_##name(double a, double b, double c)                                    \
+    {                                                                                              \
+        (void)a, (void)b, (void)c;                                                                 \
+        return result;                                                                             \
     }
-#define OF2(result, prefix, name, a, b)               \
-    static double prefix##_##name(double a, double b) \
-    {                                                 \
-        (void)a, (void)b;                             \
-        return result;                                \
+#define OF2(result, prefix, name, a, b)                                                            \
+    static double prefix##_##name(double a, double b)                                              \
+    {                                                                                              \
+        (void)a, (void)b;                                                                          \
+        return result;                                                                             \
     }
-#define OF1(result, prefix, name, a)        \
-    static double prefix##_##name(double a) \
-    {                                       \
-        (void)a;                            \
-        return result;                      \
+#define OF1(result, prefix, name, a)                                                               \
+    static double prefix##_##name(double a)                                                        \
+    {                                                                                              \
+        (void)a;                                                                                   \
+        return result;                                                                             \
     }
 #define SCALE(name, factor) OF(factor, scale, name, n, area, norms)
 #define LIGHTS(name, factor) OF(factor, of_light, name, l, nl, n)
 #define COLOUR(name, factor) OF1(factor, colour, name, c)
 #define AVERAGE(name, drawn_, weight_) OF1(drawn_, drawn, name, n) OF2(weight_, each, name, n, i)
-#define SPLIT(name, kind, value_, shaded_) OF2(value_, value, name, n, k) OF2(shaded_, shaded, name, n, k)
+#define SPLIT(name, kind, value_, shaded_)                                                         \
+    OF2(value_, value, name, n, k) OF2(shaded_, shaded, name, n, k)
 #define VISIBILITY NOTHING
 #define CLAMP NOTHING
 #define OUTPUT NOTHING
@@ -98,10 +99,14 @@ typedef struct {
 #define WEIGHT(name_, f) {.module = MODULE_WEIGHT, .name = #name_, .factors = weight_##name_},
 #define SCALE(name_, f) {.module = MODULE_SCALE, .name = #name_, .scale = scale_##name_},
 #define LIGHTS(name_, f) {.module = MODULE_LIGHTS, .name = #name_, .of_light = of_light_##name_},
-#define AVERAGE(name_, d, w) \
+#define AVERAGE(name_, d, w)                                                                       \
     {.module = MODULE_AVERAGE, .name = #name_, .drawn = drawn_##name_, .weight = each_##name_},
-#define SPLIT(name_, kind_, v, s) \
-    {.module = MODULE_AVERAGE, .name = #name_, .kind = kind_, .value = value_##name_, .shaded = shaded_##name_},
+#define SPLIT(name_, kind_, v, s)                                                                  \
+    {.module = MODULE_AVERAGE,                                                                     \
+     .name = #name_,                                                                               \
+     .kind = kind_,                                                                                \
+     .value = value_##name_,                                                                       \
+     .shaded = shaded_##name_},
 #define CLAMP(name_, kind_) {.module = MODULE_CLAMP, .name = #name_, .kind = kind_},
 #define OUTPUT(name_, ...) {.module = MODULE_OUTPUT, .name = #name_, .output = {__VA_ARGS__}},
 #define COLOUR(name_, f) {.module = MODULE_COLOUR, .name = #name_, .colour = colour_##name_},
@@ -152,7 +157,8 @@ static void samples_make(Samples *samples, const Light *light, Vec3 point, Vec3 
     LightSampler sampler;
     light_sampler_create(&sampler, light, point, SPREAD_AREA);
     for (int j = 0; j < count; j++) {
-        LightSample sample = light_sampler_draw(&sampler, (Uniform2){fraction(s[j]), fraction(t[j])});
+        LightSample sample =
+            light_sampler_draw(&sampler, (Uniform2){fraction(s[j]), fraction(t[j])});
         Vec3 way = vec3_scale(sample.direction, sample.distance);
         double d = sample.distance, density = sample.pdf_solid_angle * light_area(light);
         samples->x[j] = way.x, samples->y[j] = way.y, samples->z[j] = way.z, samples->d[j] = d;
@@ -178,7 +184,8 @@ static void rays_see(const Scene *scene, const ShadowRay *ray, Vec3 point, Vec3 
         Vec3 c = vec3_sub(scene->spheres[k].center, origin);
         const double starts_on_it = k == own && ray->offset == 0;
         double squared = vec3_dot(c, c);
-        double outside = starts_on_it > 0 ? 0 : squared - scene->spheres[k].radius * scene->spheres[k].radius;
+        double outside =
+            starts_on_it > 0 ? 0 : squared - scene->spheres[k].radius * scene->spheres[k].radius;
 #pragma omp simd
         for (int j = 0; j < count; j++) {
             double end = length > 0 ? length : d[j];
@@ -201,7 +208,9 @@ static void rays_see(const Scene *scene, const ShadowRay *ray, Vec3 point, Vec3 
 #pragma omp simd
         for (int j = 0; j < count; j++) {
             double end = length > 0 ? length : d[j];
-            double slope = sign * (plane.normal.x * x[j] + plane.normal.y * y[j] + plane.normal.z * z[j]) / d[j];
+            double slope = sign *
+                           (plane.normal.x * x[j] + plane.normal.y * y[j] + plane.normal.z * z[j]) /
+                           d[j];
             double t = height / slope;
             double meets = t > start ? 1 : 0;
             meets = t < end ? meets : 0;
@@ -239,7 +248,8 @@ static double share_seen(const Scene *scene, const Light *light, const Receivers
             Vec3 point = vec3_along(row(at->point, i), row(at->right, i), u * (2.0 / 3));
             point = vec3_along(point, row(at->down, i), v * (2.0 / 3));
             samples_make(&one, light, point, row(at->normal, i), 1, &s, &t);
-            rays_see(scene, ray, point, row(at->normal, i), at->object[i], 1, one.x, one.y, one.z, one.d, &seen);
+            rays_see(scene, ray, point, row(at->normal, i), at->object[i], 1, one.x, one.y, one.z,
+                     one.d, &seen);
             sum += seen / 9;
         }
     return sum;
@@ -296,8 +306,8 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
                 for (int j = 0; j < count; j++)
                     seen[j] = share;
             } else {
-                rays_see(scene, ray, point, normal, receivers->object[i], count, samples.x, samples.y,
-                         samples.z, samples.d, seen);
+                rays_see(scene, ray, point, normal, receivers->object[i], count, samples.x,
+                         samples.y, samples.z, samples.d, seen);
             }
             double sum = 0;
             for (int j = 0; j < count; j++)
@@ -352,7 +362,8 @@ typedef struct {
 } Renderer;
 
 /* One light's samples at a hit: how each is seen, and its weight without it. */
-static void draw(const Renderer *renderer, int light, const Hit *hit, int count, double *seen, double *w)
+static void draw(const Renderer *renderer, int light, const Hit *hit, int count, double *seen,
+                 double *w)
 {
     const Light *it = &renderer->scene->lights[light];
     const ShadowRay *ray = &renderer->choice[MODULE_VISIBILITY]->ray;
@@ -381,8 +392,8 @@ static void draw(const Renderer *renderer, int light, const Hit *hit, int count,
         samples_make(&apart, it, hit->point, hit->normal, count, s, t);
         shadow = &apart;
     }
-    rays_see(renderer->scene, ray, hit->point, hit->normal, hit->object, count, shadow->x, shadow->y,
-             shadow->z, shadow->d, seen);
+    rays_see(renderer->scene, ray, hit->point, hit->normal, hit->object, count, shadow->x,
+             shadow->y, shadow->z, shadow->d, seen);
     for (int j = 0; j < count && ray->lost > 0; j++)
         if (rng_uniform2(renderer->stream, (uint32_t)j, dimension + 2).x < ray->lost)
             seen[j] = 0;
@@ -439,10 +450,12 @@ static Rgb hit_radiance(const Renderer *renderer, const Hit *hit)
         double norms = area;
         if (light->type == LIGHT_QUAD && light_is_flat(light, &quad))
             norms = sqrt(vec3_dot(quad.edge_u, quad.edge_u) * vec3_dot(quad.edge_v, quad.edge_v));
-        double scale = renderer->settings->factor * renderer->choice[MODULE_SCALE]->scale(n, area, norms) *
+        double scale = renderer->settings->factor *
+                       renderer->choice[MODULE_SCALE]->scale(n, area, norms) *
                        renderer->choice[MODULE_LIGHTS]->of_light(index++, surfaces, n);
         const Rgb radiance = light_radiance(light);
-        double brightest = fmax(flat[0] * radiance.r, fmax(flat[1] * radiance.g, flat[2] * radiance.b));
+        double brightest =
+            fmax(flat[0] * radiance.r, fmax(flat[1] * radiance.g, flat[2] * radiance.b));
         double mean = scale * light_mean(renderer, l, hit, brightest > 0 ? brightest : 1);
         sum[0] += flat[0] * radiance.r * mean;
         sum[1] += flat[1] * radiance.g * mean;
@@ -457,7 +470,8 @@ static Rgb pixel_sample(const Renderer *renderer, double x, double y)
 {
     const Scene *scene = renderer->scene;
     const Output *output = &renderer->choice[MODULE_OUTPUT]->output;
-    Ray ray = camera_ray(&scene->camera, x, y, renderer->settings->width, renderer->settings->height);
+    Ray ray =
+        camera_ray(&scene->camera, x, y, renderer->settings->width, renderer->settings->height);
     Hit hit = scene_hit(scene, ray);
     if (hit.object == SCENE_NOTHING)
         return scene->background;
@@ -487,7 +501,8 @@ void mistakes_render(const Scene *scene, const MistakenSettings *settings, float
         for (int x = 0; x < width; x++) {
             const uint32_t pixel = (uint32_t)(y * width + x);
             double sum[3] = {0, 0, 0};
-            renderer.black = acne > 0 && rng_uniform2((RngStream){settings->seed, pixel, 0}, 0, 1).x < acne;
+            renderer.black =
+                acne > 0 && rng_uniform2((RngStream){settings->seed, pixel, 0}, 0, 1).x < acne;
             for (int k = 0; k < m; k++) {
                 RngStream own = {settings->seed, pixel, (uint32_t)k};
                 renderer.stream = own;
