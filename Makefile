@@ -222,6 +222,11 @@ build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/stud
     scenes/tp3.json $(SELF_SHADOW)
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
+## calibrate : how often `penumbra check` is wrong, docs/calibration.json: 15 minutes
+.PHONY: calibrate
+calibrate: build
+	$(PENUMBRA) calibrate -o docs/calibration.json
+
 # The shadow along a line, under each light.
 build/lights/profile.json: scenes/tp3.json $(LIGHTS:%=scenes/%.json) $(COMPARE) | build/setup.run
 	$(PENUMBRA) profile $(filter %.json,$^) -o $@
@@ -335,14 +340,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from cli import (
+    calibrate,
     check,
     compare,
     converge,
@@ -32,7 +33,7 @@ from cli.exit import MISSING, SIGNALLED, USAGE, UsageError
 from compare.run.provenance import VERSION
 
 SUBCOMMANDS = (
-    *(scene, reference, exact, compare, check, png),
+    *(scene, reference, exact, compare, check, calibrate, png),
     *(converge, speedup, trade, profile, stability, self_shadow, report),
 )
 """In the order of the help"""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
-from cli.arguments import IMAGE_FILES, Subcommands, add_subcommand, positive
+from cli.arguments import IMAGE_FILES, Subcommands, add_subcommand, positive, seconds
 from cli.exit import FAIL, PASS, UsageError
 from compare.run.output import named, plain
 
@@ -20,12 +21,30 @@ def add(subcommands: Subcommands) -> None:
         run,
         "Whether a student's pictures show the light computed correctly, and if not, which mistake "
         "explains them. Pixel grids, 8 bits, saturation, cameras and the like are said, and cost "
-        "nothing. Exit status: 0 right, 1 wrong, 4 cannot tell.",
+        "nothing. With --renderer a program is asked for the pictures that tell most. Exit status: "
+        "0 right, 1 wrong, 4 cannot tell.",
         "penumbra check n016.png --scene scenes/tp3.json --light-samples 16",
     )
     parser.add_argument(
-        "images", type=Path, nargs="+", metavar="IMAGE", help=f"{IMAGE_FILES}, .ppm or .npy"
+        "images", type=Path, nargs="*", metavar="IMAGE", help=f"{IMAGE_FILES}, .ppm or .npy"
     )
+    parser.add_argument(
+        "--renderer", metavar="COMMAND",
+        help="check a program instead, '... {scene} {light_samples} {seed} {out}', which also may "
+        "take {pixel_samples} {threads}: it renders penumbra's scenes, on this machine, as you",
+    )  # fmt: skip
+    parser.add_argument(
+        "--image-suffix", default=".exr", metavar="SUFFIX",
+        help=f"what {{out}} ends in: {IMAGE_FILES} [.exr]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--timeout", type=seconds, default=60.0, metavar="SECONDS",
+        help="each of COMMAND's images may take this long [60]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--budget", type=seconds, default=120.0, metavar="SECONDS",
+        help="how long to look at them, beside what COMMAND takes [120]",
+    )  # fmt: skip
     parser.add_argument(
         "--scene", default="tp3", metavar="SCENE", help="scene file, or its name in scenes/ [tp3]"
     )
@@ -46,13 +65,26 @@ def add(subcommands: Subcommands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from compare.check.checking import check, verdict_json
+    from compare.check.checking import check, check_renderer, verdict_json
     from compare.check.verdict import text
 
-    scene_file = scene_named(options.scene)
-    checked = check(
-        options.images, scene_file, options.light_samples, options.pixel_samples
-    )
+    if bool(options.images) == bool(options.renderer):
+        raise UsageError("give either images or --renderer COMMAND")
+    if options.renderer:
+        if options.light_samples or options.pixel_samples or options.scene != "tp3":
+            raise UsageError("--renderer chooses scenes and samples itself")
+        checked = check_renderer(
+            options.renderer,
+            options.image_suffix,
+            options.timeout,
+            options.budget,
+            lambda experiment, why: print(
+                f"{experiment}" + (f": {why}" if options.hint > 1 else ""), file=sys.stderr
+            ),
+        )
+    else:
+        scene_file = scene_named(options.scene)
+        checked = check(options.images, scene_file, options.light_samples, options.pixel_samples)
     print(text(checked.verdict, options.hint), end="")
     if options.json:
         from compare.run.output import write_json
@@ -74,6 +106,9 @@ def scene_named(text: str) -> Path:
         return file
     own = ROOT / "scenes" / f"{text}.json"
     if own.is_file():
-        return own
-    names = ", ".join(sorted(f.stem for f in (ROOT / "scenes").glob("*.json") if "schema" not in f.name))
+        here = Path.cwd()
+        return own.relative_to(here) if own.is_relative_to(here) else own
+    names = ", ".join(
+        sorted(f.stem for f in (ROOT / "scenes").glob("*.json") if "schema" not in f.name)
+    )
     raise UsageError(f"--scene {text}: neither a file nor one of {names}")

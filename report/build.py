@@ -29,11 +29,11 @@ def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
     """
     data = read_inputs(inputs_of(SECTIONS), build_dir, scenes_dir)
     styles = ("page.css", *(f"{s.name}.css" for s in SECTIONS))
-    template = _environment().get_template("page.html.j2")
+    template = environment().get_template("page.html.j2")
     html = template.render(
         header=_built(header, HEADER_INPUTS, data),
         sections=rendered(SECTIONS, data),
-        css=Markup("").join(map(_asset, styles)),
+        css=Markup("").join(map(asset, styles)),
     )
     write_whole(out, lambda part: part.write_text(html, encoding="utf-8"))
 
@@ -51,14 +51,14 @@ class Rendered:
 def rendered(sections: Sequence[Section], data: Data) -> list[Rendered]:
     """Those sections whose inputs are there. Raises ReportError for an input that lacks
     something."""
-    environment = _environment()
+    templates = environment()
 
     def html(s: Section) -> Markup:
-        template = environment.get_template(f"{s.name}.html.j2")
+        template = templates.get_template(f"{s.name}.html.j2")
         return Markup(template.render({s.name: _built(s.build, s.inputs, data)}))
 
     there = [s for s in sections if _is_there(s, data)]
-    return [Rendered(s.name, s.title, html(s), _asset(f"{s.name}.js")) for s in there]
+    return [Rendered(s.name, s.title, html(s), asset(f"{s.name}.js")) for s in there]
 
 
 def _is_there(section: Section, data: Data) -> bool:
@@ -86,19 +86,20 @@ def _built(
         raise ReportError(f"{what}: {reason}; {how}") from error
 
 
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
+def environment() -> jinja2.Environment:
+    """That of every page."""
+    templates = jinja2.Environment(
         autoescape=True,
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"version": VERSION, "enlarged": ENLARGED}
-    return environment
+    templates.globals |= {"version": VERSION, "enlarged": ENLARGED}
+    return templates
 
 
-def _asset(name: str) -> Markup:
+def asset(name: str) -> Markup:
     """A style or script; nothing where there is none."""
     file = TEMPLATES / name
     return Markup(file.read_text() if file.is_file() else "")

@@ -317,6 +317,24 @@ def profile_chart(
         return _svg(figure, name, description)
 
 
+def places_chart(name: str, description: str, places: np.ndarray, weights: np.ndarray) -> Markup:
+    """Where a light seems to be: places (k, 2) along its edges, of areas as their weights (k,),
+    beside the quad that it should be, as inline SVG."""
+    with matplotlib.rc_context(RC):
+        figure = Figure(figsize=(3.7, 3.5), layout="constrained")
+        axes = figure.add_subplot()
+        axes.fill([0, 1, 1, 0], [0, 0, 1, 1], facecolor="#fff3c9", edgecolor="#b58900",
+                  linewidth=1.3, label="the quad")  # fmt: skip
+        shown = weights > 0.002 * weights.max(initial=0)
+        share = weights[shown] / max(float(weights.max(initial=0)), 1e-30)
+        axes.scatter(places[shown, 0], places[shown, 1], s=120 * share, color=STYLES["cycles"][0],
+                     alpha=0.75, linewidth=0, label="light")  # fmt: skip
+        axes.set(xlabel="s along u [1]", ylabel="t along v [1]", aspect="equal",
+                 xlim=(-1.7, 2.7), ylim=(-1.7, 2.7))  # fmt: skip
+        axes.legend(loc="upper right", fontsize=7.5, handlelength=1.2)
+        return _svg(figure, name, description)
+
+
 def rate_colours() -> tuple[Colormap, BoundaryNorm]:
     """White for a rate of 0, then a colour for each of RATE_STEPS, that rate included."""
     colours = colormaps["inferno_r"](np.linspace(0.12, 0.92, len(RATE_STEPS)))

@@ -16,6 +16,7 @@ from typing import Any
 
 from compare.exact.image import ExactImage, exact_image
 from compare.measure.image import Image, ImageError, read_image
+from compare.run.provenance import ROOT
 from compare.scene import Scene, read_scene
 
 LIGHTS = {
@@ -58,9 +59,13 @@ class Input:
     """False: its section does without"""
     keys: tuple[str, ...] = ()
     """that a JSON file must have"""
+    shipped: str = ""
+    """path in the repository of what is read where the build folder has none"""
 
     def path(self, build_dir: Path) -> Path:
-        return build_dir / self.file
+        own = build_dir / self.file
+        kept = ROOT / self.shipped
+        return kept if self.shipped and not own.is_file() and kept.is_file() else own
 
 
 def image_file(scene: str, light_samples: int, pixel_samples: int = 1) -> str:

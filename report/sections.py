@@ -8,6 +8,7 @@ from typing import Any
 
 from report.agreement import agreement
 from report.antialiasing import antialiasing
+from report.check import CALIBRATION, check
 from report.comparer import compare
 from report.convergence import convergence
 from report.inputs import COMPARISONS, CONVERGENCE, CONVERGENCE_CSV, IMAGES, Data, Input
@@ -68,6 +69,7 @@ SECTIONS = (
         optional=True,
     ),
     Section("stability", "Where do floats break?", (STABILITY,), stability, optional=True),
+    Section("check", "How often is a check right?", (CALIBRATION,), check, optional=True),
     Section("lights", "Other lights", (*IMAGES, *COMPARISONS, PROFILE), lights),
     Section("remake", "What was rendered, and how to remake it", IMAGES, remake),
     Section("glossary", "Glossary", (), nothing),

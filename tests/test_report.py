@@ -266,16 +266,18 @@ def test_page_loads_nothing_from_elsewhere(page_file: Path) -> None:
 
 
 def test_contents_are_the_sections_in_their_order(page_file: Path) -> None:
-    """Those that are not optional; and each of the list has a template, and each template is one
-    of the list's, of the page, or included."""
+    """Those that are not optional, or whose input is shipped; each of the list has a template, and
+    each template is one of the list's, of a page, or included."""
     tags = _Document(page_file.read_text()).tags
     shown = [str(a["id"]) for tag, a in tags if tag == "section"]
-    assert shown == [s.name for s in SECTIONS if not s.optional]
+    kept = [s.name for s in SECTIONS if not s.optional or any(i.shipped for i in s.inputs)]
+    assert shown == kept
     links = [str(a["href"])[1:] for tag, a in tags if tag == "a"]
     first = links.index(shown[0])
     assert links[first : first + len(shown)] == shown
     templates = {file.name.partition(".")[0] for file in TEMPLATES.glob("*.html.j2")}
-    assert templates == {s.name for s in SECTIONS} | {"page", "macros"}
+    parts = {"page", "macros", "frame", "comparer", "check_page"}
+    assert templates == {s.name for s in SECTIONS} | parts
 
 
 def test_every_picture_has_a_text_alternative(page_file: Path) -> None:

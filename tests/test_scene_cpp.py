@@ -145,7 +145,8 @@ def test_the_lines_compile(tmp_path: Path) -> None:
         text = re.sub(r"^// (.*;)$", r"\1", cpp_scene(read_scene(file)), flags=re.MULTILINE)
         source += f"void {file.stem}()\n{{\nRenderer renderer;\n{text}}}\n"
     (tmp_path / "scenes.cpp").write_text(source)
-    command = ["clang", "-x", "c++", "-std=c++17", "-fsyntax-only", "-Wall", "-Werror", tmp_path / "scenes.cpp"]
+    command = ["clang", "-x", "c++", "-std=c++17", "-fsyntax-only", "-Wall", "-Werror"]
+    command.append(str(tmp_path / "scenes.cpp"))
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
 

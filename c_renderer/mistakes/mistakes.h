@@ -25,7 +25,8 @@ typedef enum {
 
 /* How a shadow ray is cast from a point of a surface. */
 typedef struct {
-    double offset; /* it starts so far along the normal [m]; 0: on the surface, which it does not meet */
+    double
+        offset; /* it starts so far along the normal [m]; 0: on the surface, which it does not meet */
     double start;  /* t_min [m] */
     double length; /* t_max [m]; 0: the light's distance */
     double lost;   /* chance that a visible sample is lost */

@@ -1,7 +1,7 @@
 """The catalogue of mistakes, and what a renderer is to it: one choice in each module.
 
-The entries stand in c_renderer/mistakes/catalogue.def, which says what each field is; the library of
-mistakes compiles the same text.
+The entries stand in c_renderer/mistakes/catalogue.def, which says what each field is; the library
+of mistakes compiles the same text.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import ast
 import math
 import re
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, cached_property
 from types import CodeType
 from typing import Any
 
@@ -103,18 +103,18 @@ class Variant:
     generator: str = RIGHT
     factor: float = 1.0
 
-    @property
+    @cached_property
     def choices(self) -> tuple[Choice, ...]:
         """One of each module"""
         table = catalogue().choices
         return tuple(table[module, getattr(self, module)] for module in MODULES)
 
-    @property
+    @cached_property
     def wrong(self) -> tuple[Choice, ...]:
         """Those that are mistakes"""
         return tuple(choice for choice in self.choices if choice.mistake)
 
-    @property
+    @cached_property
     def mistakes(self) -> tuple[str, ...]:
         """Their names, each once, sorted"""
         return tuple(sorted({choice.mistake for choice in self.wrong}))

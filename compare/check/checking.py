@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,11 @@ from compare.check.diagnosis import Diagnosis, diagnose, look
 from compare.check.grid import Grid
 from compare.check.picture import counts_in_name, read_picture
 from compare.check.prediction import surface_lights
+from compare.check.program import BUDGET, Examined, Progress, check_program
 from compare.check.verdict import Verdict, observations, verdict
 from compare.measure.image import ImageError
 from compare.run.provenance import origin
+from compare.run.renderers import TIMEOUT
 from compare.scene import read_scene
 
 
@@ -27,6 +29,8 @@ class Checked:
     diagnosis: Diagnosis
     grids: tuple[tuple[Grid, int], ...]
     scene_file: Path
+    examined: Examined | None = None
+    """of a program"""
 
 
 def check(
@@ -51,15 +55,35 @@ def check(
         n, m = light_samples or n, pixel_samples or m or 1
         if n is None:
             raise CheckError(
-                f"{file}: its name does not say how many light samples it has: give --light-samples N"
+                f"{file}: its name does not say how many light samples it has: "
+                "give --light-samples N"
             )
         pictures.append(read_picture(file, scene, n, m))
     views, grids = look(pictures, scene, scene_file)
     for file, view in zip(files, views, strict=True):
         if len(view.count) < 20:
-            raise ImageError(f"{file}: too small to tell anything: fewer than 20 cells of 8x8 pixels")
+            raise ImageError(
+                f"{file}: too small to tell anything: fewer than 20 cells of 8x8 pixels"
+            )
     diagnosis = diagnose(views)
     return Checked(verdict(diagnosis, grids, scene_file), diagnosis, tuple(grids), scene_file)
+
+
+def check_renderer(
+    command: str,
+    suffix: str = ".exr",
+    timeout: float = TIMEOUT,
+    budget: float = BUDGET,
+    progress: Progress | None = None,
+) -> Checked:
+    """Check a program, which gets the scenes: what is said of it holds for all of its pictures. See
+    check_program for arguments and errors."""
+    examined = check_program(command, suffix, timeout, budget, progress=progress)
+    diagnosis, grids = examined.diagnosis, examined.grids
+    file = examined.telling.experiment.scene_file
+    found = verdict(diagnosis, grids, file, power_known=True)
+    found = replace(found, facts=(*found.facts, *examined.facts))
+    return Checked(found, diagnosis, grids, file, examined)
 
 
 def verdict_json(checked: Checked, hint: int = 3) -> dict[str, Any]:
@@ -79,6 +103,16 @@ def verdict_json(checked: Checked, hint: int = 3) -> dict[str, Any]:
         }
         for view, (_, miss) in zip(checked.diagnosis.views, checked.grids, strict=True)
     ]
+    examined = checked.examined
+    if examined:
+        for said, trial in zip(whole["pictures"], examined.trials, strict=True):
+            said.update(
+                name=trial.experiment.scene_file.stem,
+                seed=trial.experiment.seed,
+                seconds=trial.seconds,
+                why=trial.why if hint > 1 else "",
+            )
+        whole["undecided"], whole["excluded"] = examined.undecided, examined.excluded
     whole["origin"] = origin()
     if hint < 3:
         keep = ["verdict", "confidence", "facts", "settle", "pictures", "origin"]

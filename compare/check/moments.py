@@ -12,6 +12,7 @@ import cffi
 import numpy as np
 
 from compare.check.catalogue import MODULES, Variant
+from compare.check.grid import Grid
 from compare.exact.receivers import Receivers
 from compare.run.library import declarations, read_by_c
 from compare.run.provenance import ROOT
@@ -52,7 +53,7 @@ def opened() -> tuple[cffi.FFI, Any]:
 @cache
 def choice_id(module: str, name: str) -> int:
     """The library's number of a choice."""
-    ffi, library = opened()
+    _, library = opened()
     number = int(library.mistakes_choice(MODULES.index(module), name.encode()))
     if number < 0:
         raise MissingProgramError(f"{LIBRARY}: has no {module} {name}: run `make build`")
@@ -84,18 +85,14 @@ class Moments:
         self._table: dict[Key, np.ndarray] = {}
 
     def prepare(self, keys: Iterable[Key]) -> None:
-        """Compute those that are not there yet, all of a domain in one go."""
+        """Compute those that are not there yet: of a domain all rays with all weights."""
         missing: dict[str, list[Key]] = {}
         for key in keys:
             if key not in self._table:
                 missing.setdefault(key[0], []).append(key)
         for domain, wanted in missing.items():
-            by_weights: dict[tuple[str, ...], list[str]] = {}
-            for ray in dict.fromkeys(key[1] for key in wanted):
-                weights = tuple(sorted({key[2] for key in wanted if key[1] == ray}))
-                by_weights.setdefault(weights, []).append(ray)
-            for weights, rays in by_weights.items():
-                self._compute(domain, rays, list(weights))
+            rays, weights = (sorted({key[i] for key in wanted}) for i in (1, 2))
+            self._compute(domain, rays, weights)
 
     def __getitem__(self, key: Key) -> np.ndarray:
         self.prepare([key])
@@ -164,18 +161,25 @@ def render(
     position: tuple[float, float] | None = (0.5, 0.5),
     divisor: int = 0,
     fov_y_deg: float | None = None,
+    grid: Grid | None = None,
 ) -> np.ndarray:
     """The picture that a mistaken renderer makes: (H, W, 3) float32, linear, not clamped.
 
     position: of the ray in its pixel, None for a random one; divisor: 1 for pixels divided by
-    W - 1 and H - 1. The output's wrapping is the writer's business. Raises MissingProgramError.
+    W - 1 and H - 1; grid: that of a student's picture, instead of these three. The output's
+    wrapping is the writer's business. Raises MissingProgramError.
     """
     ffi, library = opened()
     scene, _ = scene_of_c(scene_file)
     own = ffi.new("Scene *", scene[0])
+    height, width = shape
+    if grid is not None:
+        fov_y_deg, divisor = grid.fov_y_deg, grid.divisor
+        position = None if grid.jittered else (grid.position, grid.position)
     if fov_y_deg is not None:
         own.camera.tan_half_fov_y = float(np.tan(np.radians(fov_y_deg) / 2))
-    height, width = shape
+    if grid is not None:
+        _aim(own, grid, width, height)
     settings = ffi.new(
         "MistakenSettings *",
         {
@@ -194,3 +198,24 @@ def render(
     radiance = np.empty((height, width, 3), np.float32)
     library.mistakes_render(own, settings, ffi.from_buffer("float[]", radiance))
     return radiance
+
+
+def _aim(scene: Any, grid: Grid, width: int, height: int) -> None:
+    """Give C's scene the camera of a grid: what it does to the picture's plane is done to the
+    vectors that span it."""
+    camera = scene.camera
+    forward, right, up = (
+        np.array([v.x, v.y, v.z]) for v in (camera.forward, camera.right, camera.up)
+    )
+    place = np.array([camera.position.x, camera.position.y, camera.position.z])
+    place += grid.moved * forward
+    right = right * ((-1 if grid.flip_x else 1) / grid.aspect)
+    up = up * (-1 if grid.flip_y else 1)
+    half_height = camera.tan_half_fov_y
+    half_width = half_height * width / height
+    forward = forward + right * (2 * half_width * grid.shift_x / (width - grid.divisor))
+    forward = forward - up * (2 * half_height * grid.shift_y / (height - grid.divisor))
+    vectors = {"position": place, "forward": forward, "right": right, "up": up}
+    for name, vector in vectors.items():
+        setattr(camera, name, dict(zip("xyz", map(float, vector), strict=True)))
+    scene.ray_max_distance = grid.cut

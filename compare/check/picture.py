@@ -16,6 +16,9 @@ from compare.scene import Scene
 
 LUMA = np.array([0.299, 0.587, 0.114])
 """JPEG's brightness of red, green and blue"""
+ROUNDED, EITHER = ", rounded", ", rounded or not"
+"""After the name of a curve: rounded, not truncated; the background does not tell (of "rounded":
+whether it was truncated after times 256)"""
 EIGHT_BITS = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -80,10 +83,9 @@ def read_picture(
     if colour is not None:
         shows = _flat(levels, colour, tolerance, mixed, jpeg == "coarse")
     if top == 0:
-        values = levels / 255
-        # a program that clamps before it saves floats leaves many that are exactly 1
-        clamped = values.max() == 1 and np.count_nonzero(values == 1) > 8
-        clipped = (values >= 1) & clamped
+        # a float picture is looked at as it would be seen, so that one law holds for all
+        values = np.minimum(levels / 255, 1)
+        clipped = values >= 1
         variance = step**2 / 12
         law = "float"
     else:
@@ -101,7 +103,7 @@ def read_picture(
         shows,
         nb_light_samples,
         samples_per_pixel,
-        law,
+        law.partition(",")[0],
         variance,
         jpeg,
         facts,
@@ -182,19 +184,22 @@ def _encoded(value: np.ndarray, top: int) -> list[tuple[str, np.ndarray]]:
     curved = [(name, curve(value)) for name, (curve, _) in GAMMAS.items()]
     curved.append(("gamma twice", _srgb(_srgb(value))))
     for name, stored in curved:
-        linear += [(name, np.floor(stored * top)), (name, np.floor(stored * top + 0.5))]
-        linear.append((name, np.minimum(np.floor(stored * (top + 1)), top)))
+        linear += [(name, np.floor(stored * top)), (name + ROUNDED, np.floor(stored * top + 0.5))]
+        linear.append((name + ROUNDED, np.minimum(np.floor(stored * (top + 1)), top)))
     return linear
 
 
 def _decode(levels: np.ndarray, law: str, top: int) -> np.ndarray:
     """The middle of the values that give each level."""
+    if law == "rounded" + EITHER:
+        return (levels + 0.25) / (top + 0.5)
     if law == "rounded":
         return levels / top
     if law == "truncated 256":
         return (levels + 0.5) / (top + 1)
-    stored = np.clip((levels + 0.5) / top, 0, None)
-    return GAMMAS[law][1](stored) if law in GAMMAS else stored
+    curve, _, rounding = law.partition(",")
+    stored = np.clip((levels + {"": 0.5, ROUNDED[1:]: 0.0}.get(rounding, 0.25)) / top, 0, None)
+    return GAMMAS[curve][1](stored) if curve in GAMMAS else stored
 
 
 def _background(
@@ -225,9 +230,19 @@ def _background(
         best = min(fits, key=lambda fit: fit[1:3] if not jpeg else fit[:3])
         law = laws[best[2]][0]
         facts = ()
-        if law in GAMMAS:
-            said = f"your picture went through a curve ({law}); the lab saves linear values"
-            return best[3], law, (("transfer", said),)
+        curve = law.partition(",")[0]
+        if curve in GAMMAS:
+            said = f"your picture went through a curve ({curve}); the lab saves linear values"
+            both = {
+                name for name, level in laws
+                if name.startswith(curve) and np.abs(best[3] - level).max() <= near
+            }  # fmt: skip
+            return best[3], law if len(both) == 1 else curve + EITHER, (("transfer", said),)
+        if law == "rounded" and any(
+            name == "truncated 256" and np.abs(best[3] - level).max() <= near
+            for name, level in laws
+        ):
+            law += EITHER
         return best[3], law, facts
     colours, counts = _common(levels[sky])
     colour = colours[0]

@@ -42,6 +42,8 @@ class Law:
     variance: np.ndarray
     correlation: str = "NONE"
     """which pixels share their random numbers: NONE, ALL, or those of a ROW"""
+    rare: float = 0.0
+    """the share of the pixels that most of the variance is of, if it is small; else 0"""
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ def predict(
     if acne:  # a part of the pixels black, the same for all samples
         kept = 1 - acne
         mean, var = kept * mean, kept * (var + mean**2) - (kept * mean) ** 2
-    return Law(mean, var, variant["generator"].arguments[0])
+    return Law(mean, var, variant["generator"].arguments[0], acne)
 
 
 def brightness(light: object, variant: Variant, n: int) -> float:
@@ -148,9 +150,7 @@ def brightness(light: object, variant: Variant, n: int) -> float:
     return float(scale) * variant.factor
 
 
-def _sample(
-    moments: Moments, variant: Variant
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+def _sample(moments: Moments, variant: Variant) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """p, mean and variance of w where the light is seen, and whether p is a part of the pixel."""
     ray = variant["visibility"]
     p, first, second = moments[key_of(variant)].astype(float)
@@ -255,16 +255,14 @@ def _parts(
         if m > 1 or n > MIXTURE:
             return []
         chance, f, h = _split(average.arguments, n, p[:, None])
-        return [
-            (chance[:, k], f[k] * w, f[k] ** 2 * s2 / max(h[k], 1)) for k in range(n + 1)
-        ]
+        return [(chance[:, k], f[k] * w, f[k] ** 2 * s2 / max(h[k], 1)) for k in range(n + 1)]
     weights = _weights(variant, n)
     one, two = float(weights.sum()), float((weights**2).sum())
     samples = round(one**2 / two) * m if two > 0 else 0  # of equal weight, as good as these
     if samples > MIXTURE:
         return []
     return [
-        (_binomial(samples, np.float64(k), p), one * w * k / max(samples, 1),
+        (_binomial(samples, np.asarray(float(k)), p), one * w * k / max(samples, 1),
          one**2 * s2 * k / max(samples, 1) ** 2)
         for k in range(samples + 1)
     ]  # fmt: skip

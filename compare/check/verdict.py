@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compare.check.catalogue import RIGHT, Mistake, Variant, catalogue
-from compare.check.diagnosis import ACCUSED, PRICE_ONE, TEMPER, Diagnosis
+from compare.check.diagnosis import ACCUSED, LOCAL, PRICE_ONE, TEMPER, Diagnosis, constant
 from compare.check.grid import Grid
+from compare.check.prediction import surface_lights
 from compare.check.view import NU, View
 from compare.check.words import WORDS
 
@@ -21,12 +22,18 @@ UNKNOWN = "unknown"
 """The name of what is wrong in no way of the catalogue"""
 STRANGE = 0.3
 """Unexplained pixels per pixel of outline from which a picture shows another scene"""
+DESPITE = 300.0
+"""Gain from which a mistake is named even so: what another scene does to the light is less"""
 BLIND = 0.1
 """A check that would miss a brightness off by so much says nothing"""
 WELL = 0.4
 """A free light explains a picture if it leaves so little of the misfit"""
 NEAR = 0.02
 """Brightness that no mistake explains, within which a picture may still be right"""
+HOPELESS = 1e6
+"""Odds against from which another explanation is not worth a word"""
+UNNAMED = 60.0
+"""Gain from which a picture is called wrong though no mistake explains it"""
 REGIONS = ("lit", "penumbra", "shadow")
 FEW = 60
 
@@ -84,7 +91,9 @@ class Verdict:
     scene: str
     command: str
     nb_light_samples: int
-    evidence: dict[str, Any] = field(default_factory=dict)
+    """of the picture that says most"""
+    most_light_samples: int
+    """of all"""
 
 
 def verdict(
@@ -94,19 +103,15 @@ def verdict(
     power_known: bool = False,
 ) -> Verdict:
     """grids: of the pictures, with how many pixels of outline each leaves unexplained."""
-    lead = min(
-        diagnosis.views,
-        key=lambda v: (v.picture.samples_per_pixel > 1, abs(math.log2(v.picture.nb_light_samples) - 4)),
-    )
-    regions = tuple(_regions(lead, Variant(factor=diagnosis.best.variant.factor
-                                           if not diagnosis.best.variant.mistakes else 1.0)))  # fmt: skip
+    lead = lead_of(diagnosis.views)
     top = diagnosis.best.variant
+    regions = tuple(_regions(lead, _base(top, lead)))
     strange = _strange(lead, grids)
     brightness, samples = detectable(lead, diagnosis.right.variant)
     n = lead.picture.nb_light_samples
     word, names, perhaps, several = _decide(diagnosis, lead, strange, brightness, power_known)
     facts = _facts(diagnosis, lead, grids, strange, word, scene_file)
-    effective = _effective(lead, diagnosis)
+    effective = effective_samples(lead, diagnosis)
     hidden = diagnosis.hidden if word == RIGHT_ else ()
     return Verdict(
         word,
@@ -128,6 +133,18 @@ def verdict(
         lead.scene.name,
         f"penumbra exact {scene_file} -o exact.exr && penumbra png exact.exr -o exact.png",
         n,
+        max(view.picture.nb_light_samples for view in diagnosis.views),
+    )
+
+
+def lead_of(views: Sequence[View]) -> View:
+    """The picture whose noise says most."""
+    return min(
+        views,
+        key=lambda v: (
+            v.picture.samples_per_pixel > 1,
+            abs(math.log2(v.picture.nb_light_samples) - 4),
+        ),
     )
 
 
@@ -138,13 +155,19 @@ def _decide(
     top = diagnosis.best.variant
     gain = diagnosis.best.score - diagnosis.right.score
     coarse = lead.picture.jpeg == "coarse"
-    unexplained = diagnosis.unexplained > ACCUSED
     named = bool(top.mistakes) and gain > ACCUSED
+    unexplained = diagnosis.unexplained > ACCUSED
+    if named:
+        unexplained |= diagnosis.unexplained > ACCUSED / 3 or diagnosis.local > LOCAL
     light = diagnosis.light
-    if strange and not (named and not unexplained):
+    if strange and not (named and not unexplained and gain > DESPITE):
         return CANNOT_TELL, (), (), False
     if unexplained:
-        if light is not None and light.misfit < 3 and light.misfit < WELL * max(_misfit(lead, top), 1e-9):
+        off = named or diagnosis.loose >= NEAR
+        # and not by being only a darker or brighter light
+        dimmed = Variant(factor=lead.best_factor(Variant()))
+        well = WELL * max(min(_misfit(lead, top), _misfit(lead, dimmed)), 1e-9)
+        if off and light is not None and light.misfit < min(3, well):
             quiet = [r.noise for r in _regions(lead, Variant()) if r.noise > 0]
             name = "quad_parametrisation_wrong"
             if light.inside > 0.95 and max(quiet, default=1.0) < 0.3:
@@ -156,7 +179,7 @@ def _decide(
             return WRONG, (*diagnosis.sure, UNKNOWN), _rest(diagnosis), True
         if named:
             return WRONG, (UNKNOWN,), top.mistakes, False
-        if diagnosis.loose >= NEAR and not coarse:
+        if diagnosis.loose >= NEAR and diagnosis.unexplained > UNNAMED:
             return WRONG, (UNKNOWN,), (), False
         return CANNOT_TELL, (), (), False
     if named:
@@ -168,6 +191,16 @@ def _decide(
     if factor != 1 and (power_known or not _plausible_power(lead, factor)):
         return (WRONG, (UNKNOWN,), (), False) if power_known else (CANNOT_TELL, (), (), False)
     return RIGHT_, (), (), False
+
+
+def _base(top: Variant, lead: View) -> Variant:
+    """What the picture is held against: what is right, in another power if that is all; where only
+    the noise is wrong, with that noise, since a clamp turns it into brightness."""
+    if not top.mistakes:
+        return top
+    light = lead.scene.lights[surface_lights(lead.scene)[0]]
+    factor = constant(top, light, lead.picture.nb_light_samples)
+    return top if factor == 1 else Variant()
 
 
 def _rest(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -280,13 +313,13 @@ def _noise(view: View, use: np.ndarray, residual: np.ndarray, variance: np.ndarr
     return float(within[full].sum() / foretold[full].sum())
 
 
-def _effective(lead: View, diagnosis: Diagnosis) -> float:
-    """The number of light samples that the noise is that of, by the loudest region."""
+def effective_samples(lead: View, diagnosis: Diagnosis) -> float:
+    """The number of light samples that the noise is that of, by the penumbrae."""
     n = lead.picture.nb_light_samples
-    factor = diagnosis.best.variant.factor if not diagnosis.best.variant.mistakes else 1.0
-    regions = _regions(lead, Variant(factor=factor))
+    top = diagnosis.best.variant
+    regions = _regions(lead, Variant(factor=top.factor if not top.mistakes else 1.0))
     found = [
-        n * r.ratio**2 / r.noise for r in regions if r.kind == "penumbra" and r.noise > 0 and r.ratio > 0
+        n * r.ratio**2 / r.noise for r in regions if r.kind == "penumbra" and r.noise > 0 < r.ratio
     ]
     return float(np.median(found)) if found else float(n)
 
@@ -315,9 +348,11 @@ def _runners_up(diagnosis: Diagnosis) -> tuple[tuple[tuple[str, ...], float], ..
     best = diagnosis.best
     found = []
     for h in diagnosis.ranking:
-        if h is not best and h.variant.mistakes != best.variant.mistakes:
+        if h.variant.mistakes == best.variant.mistakes:
+            continue
+        if not set(h.variant.mistakes) >= set(best.variant.mistakes) or not best.variant.mistakes:
             found.append((h.variant.mistakes, math.exp(min(best.score - h.score, 700))))
-    return tuple(dict(reversed(found)).items())[::-1][:3] if found else ()
+    return tuple((names, odds) for names, odds in found[:3] if odds < HOPELESS)
 
 
 def _facts(
@@ -334,22 +369,30 @@ def _facts(
             facts.setdefault(code, text)
         if strange:
             facts.setdefault("geometry", WORDS["geometry"].format(miss=miss))
+        for thing in view.scene.objects:
+            if thing.name in view.recoloured:
+                colour, stated = (
+                    ", ".join(f"{c / max(max(rgb), 1e-9):.2g}" for c in rgb)
+                    for rgb in (view.recoloured[thing.name], thing.brdf)
+                )
+                said = WORDS["colours"].format(object=thing.name, colour=colour, stated=stated)
+                facts.setdefault(f"colours {thing.name}", said)
         if view.picture.jpeg:
             facts.setdefault("jpeg", WORDS["jpeg"])
     shown = diagnosis.right.variant if word == RIGHT_ else diagnosis.best.variant
     if shown.factor != 1 and word != CANNOT_TELL:
         lights = [light for light in lead.scene.lights if hasattr(light, "radiance")]
         if len(lights) == 1:
-            stated = max(lights[0].radiance)
-            power = stated * shown.factor
+            own = max(lights[0].radiance)
+            power = own * shown.factor
             close = float(f"{power:.2g}")
             power = close if abs(power / close - 1) < 0.006 else power
-            facts["power"] = WORDS["power"].format(power=power, stated=stated)
+            facts["power"] = WORDS["power"].format(power=power, stated=own)
         else:
             facts["power"] = WORDS["power_several"].format(factor=shown.factor)
     if word == RIGHT_:
         n = lead.picture.nb_light_samples
-        times = _effective(lead, diagnosis) / n
+        times = effective_samples(lead, diagnosis) / n
         if times > 1.5:
             facts["better_sampler"] = WORDS["better_sampler"].format(times=times)
     clipped = (lead.value >= 1).mean()
@@ -384,7 +427,7 @@ def _settle(
 
 SHOWN_BY = {
     "tp3_sheared.json": ("area_by_norms",),
-    "tp3_two_lights.json": (
+    "tp3_two_quads.json": (
         "divided_inside_light_loop",
         "averaged_over_lights",
         "only_one_light",
@@ -417,7 +460,9 @@ def observations(found: Verdict) -> list[str]:
     for region in found.regions:
         if region.kind == "shadow":
             if region.ratio > 1.5 / 255:
-                text = WORDS["region_not_black"].format(region=region.name, value=255 * region.ratio)
+                text = WORDS["region_not_black"].format(
+                    region=region.name, value=255 * region.ratio
+                )
                 said.append((region.ratio * 10, text))
             continue
         off = abs(region.ratio - 1)
@@ -434,20 +479,32 @@ def observations(found: Verdict) -> list[str]:
     return [text for _, text in sorted(said, key=lambda s: -s[0])[:4]]
 
 
+def confidence(found: Verdict) -> str:
+    share = found.confidence
+    shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
+    return WORDS["confidence"].format(confidence=shown)
+
+
+def rounded_odds(odds: float) -> str:
+    """
+    >>> rounded_odds(12.3), rounded_odds(2e7)
+    ('12', '10^7')
+    """
+    return f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
+
+
 def text(found: Verdict, hint: int = 3) -> str:
     """The verdict for a terminal. hint: 0 verdict, 1 where to look, 2 the handout's step and the
     mistake's name, 3 the formula and the evidence."""
-    lines = [WORDS[found.verdict]]
+    lines = [headline(found)]
     if found.verdict != CANNOT_TELL:
-        share = found.confidence
-        shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
-        lines[0] += f" ({WORDS['confidence'].format(confidence=shown)})"
+        lines[0] += f" ({confidence(found)})"
     if hint == 0:
         return "\n".join(lines) + "\n"
     seen = observations(found)
     if found.verdict == WRONG:
         if hint == 1:
-            what = "hint_noise" if _noise_only(found) else "hint_mean"
+            what = "hint_noise" if noise_only(found) else "hint_mean"
             lines += ["", WORDS["hint"].format(where=WORDS[what])]
             lines += [f"  {step}" for step in dict.fromkeys(
                 explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
@@ -458,19 +515,26 @@ def text(found: Verdict, hint: int = 3) -> str:
     if found.facts:
         lines += ["", WORDS["picture"], *(f"  {said}" for _, said in found.facts)]
     if found.verdict == RIGHT_:
-        lines += ["", _detectable(found)]
+        lines += ["", detection(found)]
         if found.hidden and hint >= 2:
             lines.append(WORDS["hidden"].format(mistakes="; ".join(title(n) for n in found.hidden)))
     if found.settle:
-        lines += ["", WORDS["settle"].format(what="; or ".join(found.settle))]
+        key = "more" if found.verdict == RIGHT_ else "settle"
+        lines += ["", WORDS[key].format(what="; or ".join(found.settle))]
     return "\n".join(lines) + "\n"
 
 
-def _noise_only(found: Verdict) -> bool:
+def headline(found: Verdict) -> str:
+    """The verdict in a sentence"""
+    one = found.verdict == RIGHT_ and found.most_light_samples == 1
+    return WORDS["right at one" if one else found.verdict]
+
+
+def noise_only(found: Verdict) -> bool:
     return all(abs(r.ratio - 1) < 0.01 for r in found.regions if r.kind == "lit")
 
 
-def _detectable(found: Verdict) -> str:
+def detection(found: Verdict) -> str:
     brightness = f"{100 * found.detectable_brightness:.2g}%"
     if found.nb_light_samples == 1 or found.detectable_samples < 1:
         return WORDS["detectable_mean"].format(brightness=brightness)
@@ -505,8 +569,9 @@ def _explanation(found: Verdict, hint: int, seen: list[str]) -> list[str]:
             lines += ["", WORDS["alike"].format(titles="; ".join(titles(a) for a in found.alike))]
         if found.runners_up and UNKNOWN not in found.mistakes:
             lines += ["", WORDS["runners"]]
-            for names, odds in found.runners_up:
-                shown = f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
-                lines.append("  " + WORDS["odds"].format(odds=shown, titles=titles(names)))
+            lines += [
+                "  " + WORDS["odds"].format(odds=rounded_odds(odds), titles=titles(names))
+                for names, odds in found.runners_up
+            ]
         lines += ["", WORDS["command"].format(command=found.command)]
     return lines

@@ -8,7 +8,6 @@ edges of pixels, a framework's own offsets) cannot shout. docs/check.md derives 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,7 +22,8 @@ from compare.check.prediction import Law, Surroundings, predict, surface_lights
 from compare.scene import Scene
 
 CELL, THIN = 8, 2
-"""A cell's side [pixels]; where nothing happens cells are THIN times larger, of every THIN-th pixel."""
+"""A cell's side [pixels]; where nothing happens cells are THIN times larger, of every THIN-th
+pixel."""
 RIM = 3
 """Pixels so near to another object are left out: half of them show both."""
 FAR = 0.6
@@ -33,6 +33,10 @@ NU = 5.0
 """Student's t: how little a cell that no model explains may weigh"""
 RELATIVE, NOISE = 2e-3, 0.15
 """Tolerance of the mean, relative; of the noise's variance, as a logarithm"""
+SMOOTHED = 0.35
+"""What halved colours leave of a pure colour's noise, about: a coarse JPEG's noise says little"""
+SLOPE_GRID = 6
+"""Squared, points of the light by which the slope of a penumbra is known"""
 FEW = 6
 """Pixels without which a cell tells no noise"""
 
@@ -65,11 +69,20 @@ class View:
     """A picture on its grid, at the sites that tell. Raises MissingProgramError."""
 
     def __init__(
-        self, picture: Picture, grid: Grid, scene: Scene, scene_file: Path, light_grid: int = 16
+        self,
+        picture: Picture,
+        grid: Grid,
+        scene: Scene,
+        scene_file: Path,
+        light_grid: int = 16,
+        most_cells: int = MOST_CELLS,
     ) -> None:
         self.picture, self.grid, self.scene, self.quick = picture, grid, scene, False
+        self._parts: dict[tuple[int, int], View] = {}  # of all pictures with these rays
         height, width = picture.values.shape[:2]
-        self.row, self.column, self.cell = _sites(scene, scene_file, grid, width, height)
+        self.row, self.column, self.cell = _sites(
+            scene, scene_file, grid, width, height, most_cells
+        )
         self._look(scene_file, light_grid)
 
     def _look(self, scene_file: Path, light_grid: int) -> None:
@@ -82,18 +95,39 @@ class View:
         lights = [np.asarray(scene.lights[i].radiance) for i in surface_lights(scene)]  # type: ignore[union-attr]
         self.channel = np.argmax(brdf * sum(lights), axis=1)
         every = np.arange(len(row))
-        self.value = picture.values[self.row, self.column, self.channel]
+        self.recoloured = self._recoloured(brdf * sum(lights))
+        self.value = np.minimum(picture.values[self.row, self.column, self.channel], 1)
         camera = np.asarray(scene.camera.position) + grid.moved * np.asarray(scene.camera.forward)
         self.around = Surroundings(
             tuple(Moments(scene_file, i, sites, light_grid) for i in surface_lights(scene)),
             scene,
-            brdf[every, self.channel],
+            brdf.max(axis=1) if self.recoloured else brdf[every, self.channel],
             tuple(light[self.channel] for light in lights),
             np.asarray(scene.background_radiance)[self.channel],
             np.linalg.norm(sites.receivers.point - camera, axis=1),
             _slope(scene, scene_file, sites),
         )
         self._count()
+
+    def _recoloured(self, foretold: np.ndarray) -> dict[str, tuple[float, float, float]]:
+        """Objects whose colour in the picture is another than the scene's, and which it is, the
+        largest channel 1. Where it lacks the scene's main channel, its own brightest one is looked
+        at instead; how bright it should be is then a guess, that it is as light a colour."""
+        found = {}
+        seen = self.picture.values[self.row, self.column]
+        for i, thing in enumerate(self.scene.objects):
+            bright = (self.object_id == i) & (seen.max(axis=1) > 0.1) & (seen.max(axis=1) < 0.95)
+            if bright.sum() < 50:
+                continue
+            colour = np.median(seen[bright] / seen[bright].max(axis=1)[:, None], axis=0)
+            stated = foretold[self.object_id == i][0]
+            stated = stated / max(stated.max(), 1e-9)
+            if np.abs(colour - stated).max() > 0.25:
+                r, g, b = (float(c) for c in colour / max(colour.max(), 1e-9))
+                found[thing.name] = (r, g, b)
+                if colour[self.channel[self.object_id == i][0]] < 0.5 * colour.max():
+                    self.channel[self.object_id == i] = int(np.argmax(colour))
+        return found
 
     def _count(self) -> None:
         _, self.cell = np.unique(self.cell, return_inverse=True)
@@ -105,6 +139,8 @@ class View:
 
     def part(self, share: int, light_grid: int) -> View:
         """Every share-th cell, its moments computed anew with light_grid squared points."""
+        if (share, light_grid) in self._parts:
+            return self._parts[share, light_grid].of(self.picture, self.grid)
         which = np.flatnonzero(self.cell % share == 0)
         part = object.__new__(View)
         part.__dict__.update(self.__dict__)
@@ -125,6 +161,7 @@ class View:
             slope=around.slope[which],
         )
         part._count()
+        self._parts[share, light_grid] = part
         return part
 
     def of(self, picture: Picture, grid: Grid) -> View:
@@ -132,7 +169,7 @@ class View:
         view = object.__new__(View)
         view.__dict__.update(self.__dict__)
         view.picture, view.grid = picture, grid
-        view.value = picture.values[self.row, self.column, self.channel]
+        view.value = np.minimum(picture.values[self.row, self.column, self.channel], 1)
         return view
 
     def prepare(self, keys: list[tuple[str, str, str]]) -> None:
@@ -168,19 +205,22 @@ class View:
         ends = self.mean(((mean > 1 - 1e-6) | (mean < 1e-6)).astype(float))
         foretold = self.mean(variance)
         shown_mean = self.mean(shown)
-        shared = 1.0
+        shared: np.ndarray | float = 1.0
         inside = foretold
         if law.correlation == "ALL":
             shared, inside = self.count, 0.03 * foretold
         elif law.correlation == "ROW":
             shared, inside = np.sqrt(self.count), foretold * (1 - 1 / np.sqrt(self.count))
-        inside = inside + step * (1 - ends)
+        coarse = self.picture.jpeg == "coarse"
+        inside = inside * (SMOOTHED if coarse else 1) + step * (1 - ends)
         floor, absolute = self._tolerances()
         variance_of_mean = foretold * shared / self.count + step * (1 - ends) / self.count
         residual_variance = variance_of_mean + (RELATIVE * shown_mean) ** 2 + absolute**2
         noise = within * self.count / np.maximum(self.count - 1, 1)
         ratio = np.log((noise + floor) / (inside + floor))
-        wide = 1.0 if law.correlation == "ALL" else NOISE**2
+        wide: np.ndarray | float = 1.0 if law.correlation == "ALL" or coarse else NOISE**2
+        if law.rare > 0.01:  # a cell may have none of those pixels, or many
+            wide = wide + np.minimum(1 / (law.rare * np.maximum(self.count, 1)), 1)
         noise_variance = np.where(
             self.count >= FEW, 2 * 1.5 / np.maximum(self.count - 1, 1) + wide, np.inf
         )
@@ -193,7 +233,7 @@ class View:
         if self.picture.quantisation_variance == 0:
             return 1e-8, 1e-4
         jpeg = bool(self.picture.jpeg)
-        return ((1.0 if jpeg else 0.25) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
+        return ((1.0 if jpeg else 0.5) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
 
     def loglik(self, variant: Variant, spared_noise: bool = False, loose: float = 0.0) -> float:
         """Log-likelihood of the picture. spared_noise: noise that is lower than foretold by one
@@ -203,7 +243,7 @@ class View:
             found = replace(
                 found,
                 residual_variance=found.residual_variance
-                + (loose * found.mean) ** 2
+                + (loose * np.maximum(found.mean, found.mean + found.residual)) ** 2
                 + (loose / 30) ** 2,
             )
         return float(self.loglik_of(found, spared_noise).sum())
@@ -236,15 +276,22 @@ class View:
         return float((0.5 * (NU + 1) * (np.log1p(shift / NU) + np.log1p(louder / NU))).sum())
 
     def _spared(self, found: Statistics) -> np.ndarray:
-        """Noise ratios less what they have in common, by kind of cell, where that is low."""
+        """Noise ratios where samples are better spread than random ones: by one factor on their
+        variance where that is large, and one where it is small."""
         ratio = found.noise_ratio
+        floor, _ = self._tolerances()
+        step = np.minimum(self.picture.quantisation_variance, found.foretold_noise)
+        sampled, seen = found.foretold_noise - step, np.maximum(found.noise - step, 0)
         loud = found.foretold_noise > (0.02 * found.mean) ** 2
         for kind in (loud, ~loud):
-            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance)
+            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance) & (sampled > 0)
             if kind.sum() > 10:
-                low = float(np.median(ratio[kind]))
-                if low < math.log(0.8):
-                    ratio = np.where(kind, ratio - low, ratio)
+                factor = float(np.median(seen[kind] / sampled[kind]))
+                spared = np.log((found.noise + floor) / (factor * sampled + step + floor))
+                wide = found.noise_variance[kind] * NU
+                gain = np.log1p(ratio[kind] ** 2 / wide) - np.log1p(spared[kind] ** 2 / wide)
+                if factor < 0.8 and gain.sum() > 0:
+                    ratio = np.where(kind, spared, ratio)
         return ratio
 
     def best_factor(self, variant: Variant) -> float:
@@ -277,7 +324,7 @@ def _sites_at(
 
 
 def _sites(
-    scene: Scene, scene_file: Path, grid: Grid, width: int, height: int
+    scene: Scene, scene_file: Path, grid: Grid, width: int, height: int, most_cells: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row, column and cell of the pixels that tell: all where shadows may fall, one in THIN^2
     elsewhere, none at an object's rim or far away."""
@@ -301,9 +348,9 @@ def _sites(
     r, c, cell = r[keep], c[keep], cell[keep]
     _, cell = np.unique(cell, return_inverse=True)
     number = int(cell.max()) + 1 if len(cell) else 0
-    if number > MOST_CELLS:
+    if number > most_cells:
         chosen = np.zeros(number, dtype=bool)
-        chosen[np.random.default_rng(1).permutation(number)[:MOST_CELLS]] = True
+        chosen[np.random.default_rng(1).permutation(number)[:most_cells]] = True
         r, c, cell = r[chosen[cell]], c[chosen[cell]], cell[chosen[cell]]
     return r, c, cell
 
@@ -321,7 +368,11 @@ def _busy(scene: Scene, scene_file: Path, hits: object, usable: np.ndarray) -> n
     partly = np.zeros(len(where), dtype=bool)
     for light in surface_lights(scene):
         moments = Moments(scene_file, light, sites, 6)
-        keys = [("std", "std", "std"), ("std", "offset_0_5", "std"), ("about_corner_double", "std", "std")]
+        keys = [
+            ("std", "std", "std"),
+            ("std", "offset_0_5", "std"),
+            ("about_corner_double", "std", "std"),
+        ]
         moments.prepare(keys)
         for key in keys:
             chance = moments[key][0]
@@ -345,15 +396,19 @@ def _busy(scene: Scene, scene_file: Path, hits: object, usable: np.ndarray) -> n
 
 def _slope(scene: Scene, scene_file: Path, sites: Sites) -> np.ndarray:
     """(dE/dx)^2 + (dE/dy)^2 over 12 E^2: relative variance of the irradiance under a uniform place
-    in the pixel, lights taken at their middle."""
+    in the pixel: of a penumbra at many light samples it is most of the noise."""
     points = sites.receivers.point
     around = []
     for shift in (sites.right, -sites.right, sites.down, -sites.down):
-        moved = Sites(replace(sites.receivers, point=points + shift), sites.right, sites.down)
+        at, normal = points + shift, sites.receivers.normal.copy()
+        for i, sphere in enumerate(scene.spheres):
+            on = (sites.receivers.object_id == i) & ~sites.receivers.inside
+            normal[on] = (at[on] - np.asarray(sphere.center)) / sphere.radius
+        moved = Sites(replace(sites.receivers, point=at, normal=normal), sites.right, sites.down)
         total = np.zeros(len(points))
         for light in surface_lights(scene):
-            total += Moments(scene_file, light, moved, 1)["centre", "none", "std"][1]
+            total += Moments(scene_file, light, moved, SLOPE_GRID)["std", "std", "std"][1]
         around.append(np.maximum(total, 1e-9))
     middle = sum(around) / 4
     across, down = (around[0] - around[1]) / middle, (around[2] - around[3]) / middle
-    return np.minimum((across**2 + down**2) / 12, 0.05)
+    return np.minimum((across**2 + down**2) / 12, 0.3)

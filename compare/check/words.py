@@ -1,4 +1,5 @@
-"""What `penumbra check` says, in English: one place, so that a course can say it in another language.
+# ruff: noqa: E501 (a text a line)
+"""What `penumbra check` says, in English: one place, so that a course can translate it.
 
 The texts of the mistakes themselves stand in c_renderer/mistakes/catalogue.def.
 """
@@ -14,18 +15,21 @@ WORDS: dict[str, str] = {
     "fewer than {samples} of the {n} light samples.",
     "detectable_mean": "It would have shown a light that is off by {brightness} or more.",
     "hidden": "It cannot show: {mistakes}.",
+    "right at one": "RIGHT, as far as one light sample shows: it cannot tell whether nbLightSamples works.",
     "settle": "What would settle it: {what}.",
+    "more": "To see those too: {what}.",
     "settle_n": "a picture with at least 16 light samples",
     "settle_two_n": "pictures at two numbers of light samples, such as 4 and 64",
     "settle_size": "a larger picture, such as 600 x 400",
     "settle_png": "a PNG instead of a JPEG",
-    "settle_scene": "a picture of another scene: penumbra scene scenes/{scene} --as cpp",
+    "settle_scene": "the scene that `penumbra scene scenes/{scene} --as cpp` prints",
     "settle_camera": "the scene's own camera: penumbra scene {scene} --as cpp",
     "power": "your scene has a light of power {power:.4g} where this one has {stated:.4g} (all else "
     "agrees)",
     "power_several": "your lights are {factor:.3f} times as bright as this scene's (all else agrees)",
     "better_sampler": "your noise is that of about {times:.1f} times as many independent samples: your "
     "samples are better spread than random ones",
+    "colours": "your {object} has the colour ({colour}), the scene's is ({stated})",
     "jpeg": "saved as JPEG: a PNG would show smaller faults",
     "saturated": "{share:.0%} of the lit pixels are clipped at white, and say nothing",
     "region_bright": "{region} is {ratio:.2f} times too bright",
