@@ -28,7 +28,7 @@ from compare.scene import PointLight, QuadLight, Scene
 MIXTURE = 16
 """Up to so many samples a clamp acts on each number of visible ones apart."""
 MOST_PARTS = (MIXTURE + 1) ** 2
-"""Of a mixture over the visible samples of several lights"""
+"""Of a mixture over the visible samples of several lights or pixel samples"""
 P_GRID = np.linspace(0, 1, 257)
 TOP = 256 / 255
 """What wraps to 0"""
@@ -119,14 +119,12 @@ def predict(
     mixture: list[Part] = []
     if parts and not quick and not any(fixed for _, _, _, fixed in parts):
         within = 1 if variant["clamp"].arguments == ("PIXEL",) else m
-        mixture = [(np.ones_like(mean), extra, across / within)]
+        mixture = [(np.ones_like(mean), np.zeros_like(mean), np.zeros_like(mean))]
         for p, shaded, variance, _ in parts:
             own = _parts(variant, n, within, p, left * shaded, left**2 * variance)
-            mixture = [
-                (c * chance, one + first, two + second)
-                for c, one, two in (mixture if len(mixture) * len(own) <= MOST_PARTS else [])
-                for chance, first, second in own
-            ]
+            mixture = _sums(mixture, own)
+        slope = around.slope / within if jittered else 0.0
+        mixture = [(c, extra + one, two + slope * one**2) for c, one, two in mixture]
     if variant["clamp"].arguments == ("PIXEL",):
         mean, var = _through(clipped, mean, var + across, mixture)
         var = var / m
@@ -252,10 +250,16 @@ def _parts(
     empty where these are too many to tell. w, s2: mean and variance of a visible sample."""
     average = variant["average"]
     if average.macro == SPLIT:
-        if m > 1 or n > MIXTURE:
-            return []
         chance, f, h = _split(average.arguments, n, p[:, None])
-        return [(chance[:, k], f[k] * w, f[k] ** 2 * s2 / max(h[k], 1)) for k in range(n + 1)]
+        one_of_m = [
+            (chance[:, k], f[k] * w / m, f[k] ** 2 * s2 / max(h[k], 1) / m**2)
+            for k in range(n + 1)
+            if chance[:, k].any()
+        ]
+        found = one_of_m
+        for _ in range(m - 1):
+            found = _sums(found, one_of_m)
+        return found if n <= MIXTURE else []
     weights = _weights(variant, n)
     one, two = float(weights.sum()), float((weights**2).sum())
     samples = round(one**2 / two) * m if two > 0 else 0  # of equal weight, as good as these
@@ -266,6 +270,13 @@ def _parts(
          one**2 * s2 * k / max(samples, 1) ** 2)
         for k in range(samples + 1)
     ]  # fmt: skip
+
+
+def _sums(one: list[Part], other: list[Part]) -> list[Part]:
+    """The mixture of X + Y; empty where it has too many parts."""
+    if len(one) * len(other) > MOST_PARTS:
+        return []
+    return [(c * d, x + y, s + t) for c, x, s in one for d, y, t in other]
 
 
 Moved = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -293,14 +304,22 @@ def _through(
 
 
 def clipped(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance of min(X, 1), X normal (and all but surely above 0)."""
+    """Mean and variance of X clamped to [0, 1], X normal."""
     sd = np.sqrt(np.maximum(variance, 1e-14))
-    a = (1 - mean) / sd
+    one, one_square = _at_most(1.0, mean, sd)
+    zero, zero_square = _at_most(0.0, mean, sd)
+    first, second = one - zero, one_square - zero_square
+    return first, np.maximum(second - first * first, 0)
+
+
+def _at_most(top: float, mean: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of min(X, top) and of its square, X normal."""
+    a = (top - mean) / sd
     density = np.exp(-0.5 * np.minimum(a * a, 1400)) / math.sqrt(2 * math.pi)
     below = ndtr(a)
-    first = mean * below - sd * density + (1 - below)
-    second = (mean * mean + sd * sd) * below - sd * (mean + 1) * density + (1 - below)
-    return first, np.maximum(second - first * first, 0)
+    first = mean * below - sd * density + top * (1 - below)
+    second = (mean**2 + sd**2) * below - sd * (mean + top) * density + top**2 * (1 - below)
+    return first, second
 
 
 def wrapped(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
