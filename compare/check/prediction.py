@@ -27,7 +27,7 @@ from compare.scene import PointLight, QuadLight, Scene
 
 MIXTURE = 16
 """Up to so many samples a clamp acts on each number of visible ones apart."""
-MOST_PARTS = (MIXTURE + 1) ** 2
+MOST_PARTS = 81
 """Of a mixture over the visible samples of several lights or pixel samples"""
 P_GRID = np.linspace(0, 1, 257)
 TOP = 256 / 255
