@@ -93,7 +93,8 @@ def mistaken(scene: str) -> list[Variant]:
 
 def gain(view: View, truth: Variant, other: Variant) -> float:
     """How far, on average, the score of the truth is above another's, prices aside."""
-    return TEMPER * view.part(PARTS, COARSE_GRID).apart(truth, other) * PARTS
+    part = view.part(PARTS, COARSE_GRID)
+    return TEMPER * PARTS * part.apart(part.held_against(truth), part.held_against(other))
 
 
 def plain_view(scene: str, n: int = 64, m: int = 1) -> View:
@@ -629,7 +630,7 @@ def alike(limit: float = 4.0) -> list[list[str]]:
     means = {}
     for v in variants:
         part = views[SCENES[0]].part(PARTS, COARSE_GRID)
-        means[v] = part.statistics(part.predict(v)).mean
+        means[v] = part.held_against(v).mean
     shown = [v for v in variants if gain(views[SCENES[0]], v, Variant()) >= NEED]
     for a, b in itertools.combinations(shown, 2):
         names = (a.mistakes[0], b.mistakes[0])

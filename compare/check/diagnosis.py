@@ -23,7 +23,7 @@ from compare.check.grid import Grid, fit_grid
 from compare.check.moments import Key
 from compare.check.picture import Picture
 from compare.check.prediction import brightness, key_of, one_place, surface_lights
-from compare.check.view import View
+from compare.check.view import Statistics, View
 from compare.scene import QuadLight, Scene
 
 TEMPER = 0.5
@@ -167,6 +167,7 @@ class Search:
         self.known: list[float] = []
         self.scored: dict[Variant, float] = {}
         self._parts: dict[int, tuple[View, View]] = {}
+        self._found: dict[tuple[int, Variant], Statistics] = {}
         self._said: dict[tuple[int, Variant, float], float] = {}
 
     def add(self, views: Sequence[View]) -> None:
@@ -198,8 +199,17 @@ class Search:
     def _loglik(self, view: View, variant: Variant, loose: float) -> float:
         key = id(view), variant, loose
         if key not in self._said:
-            self._said[key] = view.loglik(variant, _may_be_quiet(variant), loose)
+            found = self.found(view, variant)
+            found = found.loosened(loose) if loose else found
+            self._said[key] = float(view.loglik_of(found, _may_be_quiet(variant)).sum())
         return self._said[key]
+
+    def found(self, view: View, variant: Variant) -> Statistics:
+        """Of the view's cells, held against the variant; kept."""
+        key = id(view), variant
+        if key not in self._found:
+            self._found[key] = view.held_against(variant)
+        return self._found[key]
 
     def price(self, variant: Variant) -> float:
         number, more = len(variant.mistakes), len(self.views) - 1
@@ -282,9 +292,8 @@ class Search:
             for seed in seeds[:SEEDS]:
                 self.try_all(pairs(seed, self.scenes, self.many, self.without))
         elif best.mistakes:
-            for seed in [v for v in self.ordered() if v.mistakes][:2]:
-                less = replace(seed, factor=1.0)
-                self.try_all(pairs(less, self.scenes, self.many, self.without))
+            alone = replace(best, factor=1.0)
+            self.try_all(pairs(alone, self.scenes, self.many, self.without))
         best = self.ordered()[0]
         while len(best.mistakes) > 1 and self.looseness(self.parts, best)[1] > ACCUSED / PARTS:
             self.try_all(pairs(best, self.scenes, self.many, self.without))
@@ -306,7 +315,7 @@ class Search:
         """What it gains in score if a few cells may be anything."""
         total = 0.0
         for share, view in zip(self.shares, self.views, strict=True):
-            found = view.statistics(view.predict(variant))
+            found = self.found(view, variant)
             own = view.loglik_of(found, _may_be_quiet(variant))
             free = view.loglik_of(
                 replace(
@@ -374,7 +383,7 @@ class Search:
         gain = view.around.flat_colour * view.around.radiance[0]
         places = view.around.moments[0].places(s, t) * gain
         cells = np.stack([view.mean(np.minimum(row, 1e6)) for row in places], axis=1)
-        found = view.statistics(view.predict(Variant()))
+        found = view.held_against(Variant())
         seen = view.mean(view.value)
         variance = found.noise / view.count + (0.004 * seen) ** 2 + (0.25 / 255) ** 2
         use = (seen < 0.93) & (view.count >= 8)
@@ -414,7 +423,7 @@ class Search:
     def apart(self, a: Variant, b: Variant) -> float:
         """How far, on average, the one's score is above the other's where it is the truth."""
         return TEMPER * sum(
-            share * view.apart(a, b) * PARTS
+            share * view.apart(self.found(view, a), self.found(view, b)) * PARTS
             for share, view in zip(self.shares, self.parts, strict=True)
         )
 

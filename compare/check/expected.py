@@ -79,7 +79,7 @@ def unexplained(view: View, scene_file: Path, variant: Variant) -> np.ndarray:
     picture, light_grid = view.picture, view.around.moments[0].grid
     every_cell = picture.values.size
     view = View(picture, view.grid, view.scene, scene_file, light_grid, every_cell)
-    found = view.statistics(view.predict(variant))
+    found = view.held_against(variant)
     height, width = view.picture.values.shape[:2]
     shown = np.full((height, width), np.nan)
     score = (found.residual / np.sqrt(found.residual_variance))[view.cell]

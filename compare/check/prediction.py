@@ -116,21 +116,26 @@ def predict(
     left = np.exp(-variant["output"].field("fog") * around.distance)
     extra = left * variant["output"].field("ambient") * colour + (1 - left) * around.background
     mean, var, across = left * mean + extra, left**2 * var, left**2 * across
+    pixel = variant["clamp"].arguments == ("PIXEL",)
+    within = 1 if pixel else m
     mixture: list[Part] = []
-    if parts and not quick and not any(fixed for _, _, _, fixed in parts):
-        within = 1 if variant["clamp"].arguments == ("PIXEL",) else m
-        mixture = [(np.ones_like(mean), np.zeros_like(mean), np.zeros_like(mean))]
+    where = np.zeros(0, dtype=int)
+    if not quick and not any(fixed for _, _, _, fixed in parts):
+        most = _most(variant, n)
+        brightest = extra + left * most * sum(shaded for _, shaded, _, _ in parts)
+        partly = np.any([(p > 0) & (p < 1) for p, _, _, _ in parts], axis=0)
+        where = np.flatnonzero(partly & ((brightest > 0.9) | (mean + 4 * np.sqrt(var) > 1)))
+        mixture = [(np.ones(len(where)), np.zeros(len(where)), np.zeros(len(where)))]
+        dim = left[where]
         for p, shaded, variance, _ in parts:
-            own = _parts(variant, n, within, p, left * shaded, left**2 * variance)
-            mixture = _sums(mixture, own)
-        slope = around.slope / within if jittered else 0.0
-        mixture = [(c, extra + one, two + slope * one**2) for c, one, two in mixture]
-    if variant["clamp"].arguments == ("PIXEL",):
-        mean, var = _through(clipped, mean, var + across, mixture)
+            w, s2 = dim * shaded[where], dim**2 * variance[where]
+            mixture = _sums(mixture, _parts(variant, n, within, p[where], w, s2))
+        slope = around.slope[where] / within if jittered else 0.0
+        mixture = [(c, extra[where] + one, two + slope * one**2) for c, one, two in mixture]
+    end = wrapped if variant["output"].field("wrap") and not pixel else clipped
+    mean, var = _through(end, mean, (var + across) / within, mixture, where)
+    if pixel:
         var = var / m
-    else:
-        end = wrapped if variant["output"].field("wrap") else clipped
-        mean, var = _through(end, mean, (var + across) / m, mixture)
     acne = variant["output"].field("acne")
     if acne:  # a part of the pixels black, the same for all samples
         kept = 1 - acne
@@ -179,6 +184,14 @@ def _weights(variant: Variant, n: int) -> np.ndarray:
     drawn = int(average.evaluate(0, n=float(n)))
     weights = average.evaluate(1, n=float(n), i=np.arange(drawn, dtype=float))
     return np.broadcast_to(np.asarray(weights, float), (drawn,))
+
+
+def _most(variant: Variant, n: int) -> float:
+    """How often the mean of a visible sample is counted where all of them are visible."""
+    average = variant["average"]
+    if average.macro == SPLIT:
+        return float(_split(average.arguments, n, np.ones((1, 1)))[1].max())
+    return float(_weights(variant, n).sum())
 
 
 def _average(
@@ -284,22 +297,20 @@ Moved = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def _through(
-    end: Moved, mean: np.ndarray, variance: np.ndarray, mixture: list[Part]
+    end: Moved, mean: np.ndarray, variance: np.ndarray, mixture: list[Part], where: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance of end(X), X a mixture of normal distributions, or where there is none
-    normal."""
+    """Mean and variance of end(X), X normal, or at the pixels `where` a mixture of normal
+    distributions, unless that is empty."""
     hot = mean + 4 * np.sqrt(variance) > 1
-    for _, first, _ in mixture:
-        hot |= first > 0.9
-    if not mixture:
-        mixture = [(np.ones_like(mean), mean, variance)]
-    one, two = np.zeros(hot.sum()), np.zeros(hot.sum())
-    for chance, first, second in mixture:
-        mu, var = end(first[hot], second[hot])
-        one += chance[hot] * mu
-        two += chance[hot] * (var + mu * mu)
     mean, variance = mean.copy(), variance.copy()
-    mean[hot], variance[hot] = one, np.maximum(two - one * one, 0)
+    mean[hot], variance[hot] = end(mean[hot], variance[hot])
+    if mixture:
+        one, two = np.zeros(len(where)), np.zeros(len(where))
+        for chance, first, second in mixture:
+            mu, var = end(first, second)
+            one += chance * mu
+            two += chance * (var + mu * mu)
+        mean[where], variance[where] = one, np.maximum(two - one * one, 0)
     return mean, variance
 
 

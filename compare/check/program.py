@@ -403,8 +403,10 @@ class _Examination:
             )
             view = self.search.part(stage.view_of(picture, stage.foreseen(m)))
             view.prepare(keys_of([best, *new]))
+            mine = view.held_against(best)
             for v in new:
-                self._expected[experiment, best, v] = TEMPER * PARTS * view.apart(best, v)
+                gain = view.apart(mine, view.held_against(v))
+                self._expected[experiment, best, v] = TEMPER * PARTS * gain
         return [self._expected[experiment, best, v] for v in others]
 
     def excluded(self, best: Variant) -> tuple[str, ...]:

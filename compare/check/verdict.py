@@ -217,7 +217,7 @@ def _plausible_power(lead: View, factor: float) -> bool:
 
 
 def _misfit(view: View, variant: Variant) -> float:
-    return float(np.minimum(view.statistics(view.predict(variant)).misfit, 25).mean())
+    return float(np.minimum(view.held_against(variant).misfit, 25).mean())
 
 
 def _strange(lead: View, grids: Sequence[tuple[Grid, int]]) -> bool:
@@ -232,7 +232,7 @@ def _strange(lead: View, grids: Sequence[tuple[Grid, int]]) -> bool:
 def detectable(view: View, variant: Variant) -> tuple[float, float]:
     """The relative error of the mean, and the share of the light samples, whose expected gain is
     just what an accusation takes."""
-    found = view.statistics(view.predict(variant))
+    found = view.held_against(variant)
     wanted = (ACCUSED + PRICE_ONE) / TEMPER
 
     def gain(delta: float) -> float:

@@ -64,6 +64,12 @@ class Statistics:
         """(c,): squared residuals in units of their variance"""
         return self.residual**2 / self.residual_variance
 
+    def loosened(self, loose: float) -> Statistics:
+        """If the mean may be off by so much, relative."""
+        most = np.maximum(self.mean, self.mean + self.residual)
+        wide = self.residual_variance + (loose * most) ** 2 + (loose / 30) ** 2
+        return replace(self, residual_variance=wide)
+
 
 class View:
     """A picture on its grid, at the sites that tell. Raises MissingProgramError."""
@@ -235,21 +241,16 @@ class View:
         jpeg = bool(self.picture.jpeg)
         return ((1.0 if jpeg else 0.5) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
 
-    def loglik(self, variant: Variant, spared_noise: bool = False, loose: float = 0.0) -> float:
-        """Log-likelihood of the picture. spared_noise: noise that is lower than foretold by one
-        factor is a better sampler, no fault. loose: relative error of the mean that is allowed."""
-        found = self.statistics(self.predict(variant))
-        if loose:
-            found = replace(
-                found,
-                residual_variance=found.residual_variance
-                + (loose * np.maximum(found.mean, found.mean + found.residual)) ** 2
-                + (loose / 30) ** 2,
-            )
-        return float(self.loglik_of(found, spared_noise).sum())
+    def held_against(self, variant: Variant) -> Statistics:
+        return self.statistics(self.predict(variant))
+
+    def loglik(self, variant: Variant) -> float:
+        """Log-likelihood of the picture."""
+        return float(self.loglik_of(self.held_against(variant)).sum())
 
     def loglik_of(self, found: Statistics, spared_noise: bool = False) -> np.ndarray:
-        """(c,), the same of every cell."""
+        """(c,): log-likelihood of every cell. spared_noise: noise that is lower than foretold by one
+        factor is a better sampler, no fault."""
         ratio = found.noise_ratio
         if spared_noise:
             ratio = self._spared(found)
@@ -265,9 +266,8 @@ class View:
             )
         )
 
-    def apart(self, truth: Variant, other: Variant) -> float:
-        """Expected log-likelihood of truth above other's."""
-        one, two = (self.statistics(self.predict(v)) for v in (truth, other))
+    def apart(self, one: Statistics, two: Statistics) -> float:
+        """Expected log-likelihood of one above two's where one is the truth."""
         shift = (one.mean - two.mean) ** 2 / two.residual_variance
         finite = np.isfinite(two.noise_variance)
         floor, _ = self._tolerances()
