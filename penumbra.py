@@ -116,8 +116,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="penumbra",
         description="Soft shadows: renders compared with Cycles and with the exact answer.",
         epilog="exit status: 0 done, 1 a check failed, 2 usage, bad input or unwritable output, "
-        "3 something is not installed or not built, 128 + n ended by\n"
-        "signal n (130 is Ctrl-C).\n"
+        "3 something is not installed or not built, 4 a check cannot tell,\n"
+        "128 + n ended by signal n (130 is Ctrl-C).\n"
         "`penumbra SUBCOMMAND --help` explains each with an example.",
         formatter_class=help_format,
     )

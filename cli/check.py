@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 
 from cli.arguments import IMAGE_FILES, Subcommands, add_subcommand, positive, seconds
-from cli.exit import FAIL, PASS, UsageError
-from compare.run.output import named, plain
+from cli.exit import CANNOT_TELL, FAIL, PASS, UsageError
+from compare.run.output import named
 
-CANNOT_TELL = 4
 EXIT = {"right": PASS, "wrong": FAIL, "cannot tell": CANNOT_TELL}
 
 
@@ -61,12 +60,12 @@ def add(subcommands: Subcommands) -> None:
         "3 all [3]",
     )  # fmt: skip
     parser.add_argument("--json", type=named(".json"), metavar="OUT.json", help="every figure")
-    parser.add_argument("--html", type=plain(named(".html")), metavar="OUT.html", help="as a page")
+    parser.add_argument("--html", type=named(".html"), metavar="OUT.html", help="as a page")
 
 
 def run(options: argparse.Namespace) -> int:
     from compare.check.checking import check, check_renderer, verdict_json
-    from compare.check.verdict import text
+    from compare.check.explanation import text
 
     if bool(options.images) == bool(options.renderer):
         raise UsageError("give either images or --renderer COMMAND")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-PASS, FAIL, USAGE, MISSING, SIGNALLED = 0, 1, 2, 3, 128
+PASS, FAIL, USAGE, MISSING, CANNOT_TELL, SIGNALLED = 0, 1, 2, 3, 4, 128
 """Done; a check failed; wrong usage, bad input or unwritable output; a program or library is
-missing; SIGNALLED + n: ended by signal n, as a shell says it (130 is Ctrl-C)."""
+missing; a check cannot tell; SIGNALLED + n: ended by signal n, as a shell says it (130 is
+Ctrl-C)."""
 
 
 class UsageError(ValueError):

@@ -12,22 +12,18 @@ from markupsafe import Markup
 from compare.check.catalogue import Mistake, Variant
 from compare.check.checking import Checked
 from compare.check.expected import mistaken_picture, right_picture, unexplained
-from compare.check.verdict import (
-    CANNOT_TELL,
-    RIGHT_,
-    UNKNOWN,
-    WRONG,
+from compare.check.explanation import (
     confidence,
     detection,
-    effective_samples,
     explained,
     headline,
-    lead_of,
     noise_only,
     observations,
     rounded_odds,
     titles,
+    unknown,
 )
+from compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, effective_samples
 from compare.check.view import View
 from compare.check.words import WORDS
 from compare.run.output import write_whole
@@ -59,7 +55,7 @@ def write_page(file: Path, checked: Checked, hint: int) -> None:
 
 def _content(checked: Checked, hint: int) -> dict[str, Any]:
     found, diagnosis = checked.verdict, checked.diagnosis
-    lead = lead_of(diagnosis.views)
+    lead = checked.lead
     wrong = found.verdict == WRONG
     seen = hint >= (NAME if wrong else WHERE)
     explains = wrong and hint >= NAME
@@ -78,7 +74,9 @@ def _content(checked: Checked, hint: int) -> dict[str, Any]:
         "facts": [text for _, text in found.facts],
         "detection": detection(found) if found.verdict == RIGHT_ and hint >= WHERE else "",
         "hidden": [titles([n]) for n in found.hidden] if hint >= NAME else [],
-        "settle": [_with_command(text) for text in found.settle] if hint >= WHERE else [],
+        "settle": [_with_command(text) for text in found.settle]
+        if hint >= WHERE and not wrong
+        else [],
         "compare": _compare(checked, lead, hint) if hint >= WHERE else None,
         "map": _map(checked, lead) if hint >= ALL else None,
         "light": _light(checked) if wrong and hint >= ALL else None,
@@ -111,7 +109,7 @@ def _causes(checked: Checked, hint: int) -> list[dict[str, Any]]:
 def _cause(name: str, checked: Checked, hint: int) -> dict[str, Any]:
     found = checked.verdict
     if name == UNKNOWN:
-        text = WORDS["unknown"].format(loose=found.loose)
+        text = unknown(found)
         nearest = WORDS["nearest"].format(title=titles(found.perhaps)) if found.perhaps else ""
         return {
             "title": "Not in the catalogue",

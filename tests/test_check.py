@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from compare.check.catalogue import Variant
-from compare.check.moments import render
+from compare.check.mistaken import render
 from compare.run.provenance import ROOT
 from penumbra import main
 

@@ -21,9 +21,11 @@ from compare.check.catalogue import Variant, catalogue
 from compare.check.checking import Checked, check
 from compare.check.diagnosis import FreeLight
 from compare.check.expected import mistaken_picture, right_picture, unexplained
+from compare.check.explanation import observations
 from compare.check.grid import Grid
-from compare.check.moments import render
-from compare.check.verdict import UNKNOWN, lead_of, observations
+from compare.check.mistaken import render
+from compare.check.verdict import UNKNOWN
+from compare.check.view import lead_of
 from compare.check.words import WORDS
 from compare.exact.image import shade
 from compare.scene import read_scene

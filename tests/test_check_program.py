@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from compare.check.catalogue import Variant
-from compare.check.moments import render
+from compare.check.mistaken import render
 from compare.check.program import Examined, check_program
 from compare.run.renderers import CommandRenderer, Job, MissingProgramError, RendererError
 

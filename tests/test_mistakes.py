@@ -15,11 +15,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.check.catalogue import RIGHT, Variant, catalogue
+from compare.check import mistaken, quadrature
+from compare.check.catalogue import MODULES, RIGHT, Variant, catalogue
 from compare.check.grid import Grid
-from compare.check.moments import Moments, choice_id, render
+from compare.check.mistaken import choice_id, render
+from compare.check.moments import Moments
 from compare.check.prediction import Surroundings, _sample, predict, surface_lights
+from compare.check.quadrature import Sites
 from compare.check.view import _sites_at, _slope
+from compare.exact.receivers import camera_hits
 from compare.scene import read_scene
 from tests.conftest import ROOT, built
 
@@ -238,9 +242,9 @@ ADDED = """
 import sys
 from pathlib import Path
 import ctypes
-from compare.check import catalogue, moments
+from compare.check import catalogue, mistaken
 folder = Path(sys.argv[1])
-catalogue.FILE, moments.LIBRARY = folder / "catalogue.def", folder / "libmistakes.so"
+catalogue.FILE, mistaken.LIBRARY = folder / "catalogue.def", folder / "libmistakes.so"
 from tests import test_mistakes as test
 ctypes.CDLL("libgomp.so.1").omp_set_num_threads(1)
 variant = catalogue.Variant(weight="half_lambert")
@@ -264,3 +268,29 @@ def test_the_page_s_example_is_foretold_and_rendered_alike(tmp_path: Path) -> No
     command += [f"-I{core}", str(tmp_path / "mistakes.c"), *map(str, (core / "core").glob("*.c"))]
     subprocess.run([*command, "-lm", "-o", str(tmp_path / "libmistakes.so")], check=True)
     subprocess.run([sys.executable, "-c", ADDED, str(tmp_path)], check=True, cwd=ROOT)
+
+
+@pytest.mark.parametrize("name", ["tp3", "check_low", "tp3_triangle", "tp3_sphere"])
+def test_moments_without_the_library_are_the_same(name: str) -> None:
+    """Two texts, of the same points: all but rays that graze, which rounding decides."""
+    file = ROOT / "scenes" / f"{name}.json"
+    scene = read_scene(file)
+    rng = np.random.default_rng(1)
+    column, row = rng.uniform(0, 600, 600), rng.uniform(0, 400, 600)
+    hits = camera_hits(scene, column, row, 600, 400)
+    hits = hits[hits.object_id >= 0]
+    step = np.full((len(hits), 3), 1e-3)
+    sites = Sites(hits, step, -step)
+    choices = {m: [c.name for c in catalogue().of_module(m)] for m in MODULES}
+    for domain in choices["domain"]:
+        few = domain != RIGHT
+        rays = ["std", "none"] if few else choices["visibility"]
+        weights = ["std", "no_light_cosine"] if few else choices["weight"]
+        found = mistaken.moments(file, 0, sites, domain, rays, weights, 6)
+        again = quadrature.moments(scene, 0, sites, domain, rays, weights, 6)
+        for one, other in zip(found, again, strict=True):
+            scale = np.abs(one).max(axis=-1, keepdims=True) + 1e-12
+            assert np.mean(np.abs(one - other) > 1e-5 * scale) < 1e-4, domain
+    s, t = rng.uniform(-1, 2, (2, 7))
+    places = mistaken.places(file, 0, sites, s, t), quadrature.places(scene, 0, sites, s, t)
+    assert np.mean(np.abs(places[0] - places[1]) > 1e-5 * places[0].max()) < 1e-3

@@ -283,12 +283,12 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
         double a[MOST_GRID * MOST_GRID], b[MOST_GRID * MOST_GRID];
         double s[MOST_GRID * MOST_GRID], t[MOST_GRID * MOST_GRID];
         double seen[MOST_GRID * MOST_GRID], w[MOST_WEIGHTS][MOST_GRID * MOST_GRID];
-        RngStream stream = {1, (uint32_t)i, 0};
-        /* in each cell of the grid one point, at the places of a shifted lattice (Roberts's R2) */
-        Uniform2 shift = rng_uniform2(stream, 0, (uint32_t)light + 1);
+        /* in each cell of the grid one point, at the places of a lattice (Roberts's R2) that is
+         * shifted for every site */
+        const double step_a = 0.7548776662466927, step_b = 0.5698402909980532;
         for (int j = 0; j < count; j++) {
-            a[j] = (j % grid + fraction(shift.x + j * 0.7548776662466927)) / grid;
-            b[j] = (j / grid + fraction(shift.y + j * 0.5698402909980532)) / grid;
+            a[j] = (j % grid + fraction((i + 1) * step_b + j * step_a)) / grid;
+            b[j] = (j / grid + fraction((i + 1) * step_a + j * step_b)) / grid;
         }
         CHOICES[domain].places(count, a, b, s, t);
         Vec3 point = row(receivers->point, i), normal = row(receivers->normal, i);

@@ -37,7 +37,7 @@ from compare.check.diagnosis import (
 )
 from compare.check.diagnosis import _sensible as sensible
 from compare.check.grid import Grid, fit_grid
-from compare.check.moments import LIBRARY
+from compare.check.mistaken import LIBRARY
 from compare.check.picture import Picture
 from compare.check.specimens import GENERATORS, Maker, Specimen
 from compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, verdict

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from compare.check.diagnosis import Diagnosis, diagnose, look
+from compare.check.explanation import observations
 from compare.check.grid import Grid
 from compare.check.picture import counts_in_name, read_picture
 from compare.check.prediction import surface_lights
 from compare.check.program import BUDGET, Examined, Progress, check_program
-from compare.check.verdict import Verdict, observations, verdict
+from compare.check.verdict import Verdict, verdict
+from compare.check.view import View, lead_of
 from compare.measure.image import ImageError
 from compare.run.provenance import origin
 from compare.run.renderers import TIMEOUT
@@ -31,6 +33,11 @@ class Checked:
     scene_file: Path
     examined: Examined | None = None
     """of a program"""
+
+    @property
+    def lead(self) -> View:
+        """The picture that is spoken of"""
+        return self.examined.telling.view if self.examined else lead_of(self.diagnosis.views)
 
 
 def check(
@@ -81,7 +88,8 @@ def check_renderer(
     examined = check_program(command, suffix, timeout, budget, progress=progress)
     diagnosis, grids = examined.diagnosis, examined.grids
     file = examined.telling.experiment.scene_file
-    found = verdict(diagnosis, grids, file, power_known=True)
+    lead = examined.telling.view
+    found = verdict(diagnosis, grids, file, power_known=True, lead=lead)
     found = replace(found, facts=(*found.facts, *examined.facts))
     return Checked(found, diagnosis, grids, file, examined)
 

@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
 
 from compare.check.catalogue import RIGHT, SPLIT, Choice, Variant, catalogue
 from compare.check.grid import Grid, fit_grid
 from compare.check.moments import Key
 from compare.check.picture import Picture
 from compare.check.prediction import brightness, key_of, one_place, surface_lights
-from compare.check.view import Statistics, View
+from compare.check.view import Statistics, View, lead_of
 from compare.scene import QuadLight, Scene
 
 TEMPER = 0.5
@@ -91,6 +90,8 @@ class Diagnosis:
     """other names that foretell the very same pictures"""
     hidden: tuple[str, ...]
     """mistakes that would not show in these pictures"""
+    shares: tuple[float, ...]
+    """how much each picture counts: less where others hold the same random numbers"""
     light: FreeLight | None = None
     local: float = 0.0
     """gain in score of letting a few cells be anything"""
@@ -266,14 +267,8 @@ class Search:
 
     @property
     def lead(self) -> int:
-        """The picture whose noise says most."""
-        return min(
-            range(len(self.views)),
-            key=lambda i: (
-                self.views[i].picture.samples_per_pixel > 1,
-                abs(math.log2(self.views[i].picture.nb_light_samples) - 4),
-            ),
-        )
+        """Which picture's noise says most."""
+        return self.views.index(lead_of(self.views))
 
     # -- search
 
@@ -367,6 +362,7 @@ class Search:
             tuple(sure),
             self._alike(top),
             self._hidden(top),
+            tuple(self.shares),
             light,
             self.local(top),
         )
@@ -374,6 +370,8 @@ class Search:
     def free_light(self) -> FreeLight | None:
         """Where a light seems to be whose samples are none of the catalogue's: weights of points in
         its plane that explain the mean. None where there are several lights, or it is no quad."""
+        from scipy.optimize import nnls  # half a second, seldom needed
+
         view = self.views[self.lead]
         lights = surface_lights(view.scene)
         light = view.scene.lights[lights[0]]

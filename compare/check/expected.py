@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from compare.check.catalogue import Variant
-from compare.check.moments import render
+from compare.check.mistaken import render
 from compare.check.prediction import TOP
 from compare.check.view import View
 from compare.exact.image import shade

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import nnls
 
 from compare.check.catalogue import Variant
 from compare.check.diagnosis import (
@@ -183,6 +182,8 @@ class _Program:
 
     def expected_seconds(self, experiment: Experiment, scene: Scene) -> float:
         """A start-up and a time for each light sample, fitted to the runs."""
+        from scipy.optimize import nnls
+
         drawn, seconds = np.array(self.runs).T
         (start, each), _ = nnls(np.stack([np.ones_like(drawn), drawn], axis=1), seconds)
         samples = experiment.nb_light_samples * experiment.samples_per_pixel

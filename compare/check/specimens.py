@@ -14,7 +14,7 @@ from PIL import Image as PillowImage
 
 from compare.check.catalogue import Variant
 from compare.check.grid import Grid
-from compare.check.moments import render
+from compare.check.mistaken import render
 from compare.check.picture import GAMMAS, Picture, read_picture
 from compare.exact.receivers import BACKGROUND
 from compare.measure.image import Image, write_exr

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from compare.check.catalogue import RIGHT, Mistake, Variant, catalogue
+from compare.check.catalogue import RIGHT, Variant
 from compare.check.diagnosis import ACCUSED, LOCAL, PRICE_ONE, TEMPER, Diagnosis, constant
 from compare.check.grid import Grid
 from compare.check.prediction import surface_lights
-from compare.check.view import NU, View
+from compare.check.view import NU, View, lead_of
 from compare.check.words import WORDS
+from compare.scene import Plane, Sphere
 
 RIGHT_, WRONG, CANNOT_TELL = "right", "wrong", "cannot tell"
 UNKNOWN = "unknown"
@@ -32,6 +33,10 @@ NEAR = 0.02
 """Brightness that no mistake explains, within which a picture may still be right"""
 HOPELESS = 1e6
 """Odds against from which another explanation is not worth a word"""
+SURE = 0.9
+"""A picture of which less is sure is not called right"""
+COLOURLESS = "flat_colour_missing"
+"""The mistake that colours show, and no brightness"""
 UNNAMED = 60.0
 """Gain from which a picture is called wrong though no mistake explains it"""
 REGIONS = ("lit", "penumbra", "shadow")
@@ -86,6 +91,8 @@ class Verdict:
     """what would settle it, or show more"""
     loose: float
     """relative error that nothing explains"""
+    beside: float
+    """share of the light that seems to come from places that are not the light's"""
     variant: Variant
     """the renderer that explains the pictures best"""
     scene: str
@@ -101,9 +108,11 @@ def verdict(
     grids: Sequence[tuple[Grid, int]],
     scene_file: Path,
     power_known: bool = False,
+    lead: View | None = None,
 ) -> Verdict:
-    """grids: of the pictures, with how many pixels of outline each leaves unexplained."""
-    lead = lead_of(diagnosis.views)
+    """grids: of the pictures, with how many pixels of outline each leaves unexplained; lead: the
+    picture to speak of, the one whose noise says most unless it is given."""
+    lead = lead or lead_of(diagnosis.views)
     top = diagnosis.best.variant
     regions = tuple(_regions(lead, _base(top, lead)))
     strange = _strange(lead, grids)
@@ -112,10 +121,14 @@ def verdict(
     word, names, perhaps, several = _decide(diagnosis, lead, strange, brightness, power_known)
     facts = _facts(diagnosis, lead, grids, strange, word, scene_file)
     effective = effective_samples(lead, diagnosis)
-    hidden = diagnosis.hidden if word == RIGHT_ else ()
+    shown = {COLOURLESS} if coloured(lead) else set()
+    hidden = tuple(n for n in diagnosis.hidden if n not in shown) if word == RIGHT_ else ()
+    sure_of_it = _confidence(diagnosis, word)
+    if word == RIGHT_ and sure_of_it < SURE:
+        word = CANNOT_TELL
     return Verdict(
         word,
-        _confidence(diagnosis, word),
+        sure_of_it,
         names,
         perhaps,
         several,
@@ -129,22 +142,12 @@ def verdict(
         hidden,
         _settle(word, lead, diagnosis, strange, brightness, hidden, scene_file),
         diagnosis.loose,
+        _beside(diagnosis, names),
         top,
         lead.scene.name,
         f"penumbra exact {scene_file} -o exact.exr && penumbra png exact.exr -o exact.png",
         n,
         max(view.picture.nb_light_samples for view in diagnosis.views),
-    )
-
-
-def lead_of(views: Sequence[View]) -> View:
-    """The picture whose noise says most."""
-    return min(
-        views,
-        key=lambda v: (
-            v.picture.samples_per_pixel > 1,
-            abs(math.log2(v.picture.nb_light_samples) - 4),
-        ),
     )
 
 
@@ -187,10 +190,23 @@ def _decide(
         return WRONG, sure, _rest(diagnosis) if diagnosis.sure else (), len(sure) > 2
     if brightness > BLIND:
         return CANNOT_TELL, (), (), False
+    if all(_whitened(view) for view in diagnosis.views):
+        return WRONG, (COLOURLESS,), (), False
     factor = diagnosis.right.variant.factor
     if factor != 1 and (power_known or not _plausible_power(lead, factor)):
         return (WRONG, (UNKNOWN,), (), False) if power_known else (CANNOT_TELL, (), (), False)
     return RIGHT_, (), (), False
+
+
+def coloured(view: View) -> list[Sphere | Plane]:
+    """The scene's objects that are clearly not grey or white."""
+    return [thing for thing in view.scene.objects if min(thing.brdf) < 0.75 * max(thing.brdf)]
+
+
+def _whitened(view: View) -> bool:
+    """Whether all of these are white in the picture."""
+    seen = [view.recoloured.get(thing.name) for thing in coloured(view)]
+    return bool(seen) and all(colour is not None and min(colour) > 0.9 for colour in seen)
 
 
 def _base(top: Variant, lead: View) -> Variant:
@@ -201,6 +217,13 @@ def _base(top: Variant, lead: View) -> Variant:
     light = lead.scene.lights[surface_lights(lead.scene)[0]]
     factor = constant(top, light, lead.picture.nb_light_samples)
     return top if factor == 1 else Variant()
+
+
+def _beside(diagnosis: Diagnosis, names: tuple[str, ...]) -> float:
+    """The share of a free light that is not on the light, where it gives the mistake its name."""
+    if names != ("quad_parametrisation_wrong",) or diagnosis.light is None:
+        return 0.0
+    return 1 - diagnosis.light.inside
 
 
 def _rest(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -379,6 +402,9 @@ def _facts(
                 facts.setdefault(f"colours {thing.name}", said)
         if view.picture.jpeg:
             facts.setdefault("jpeg", WORDS["jpeg"])
+    again = [share for share in diagnosis.shares if share < 0.75]
+    if again:
+        facts["once"] = WORDS["once"].format(count=len(again))
     shown = diagnosis.right.variant if word == RIGHT_ else diagnosis.best.variant
     if shown.factor != 1 and word != CANNOT_TELL:
         lights = [light for light in lead.scene.lights if hasattr(light, "radiance")]
@@ -432,146 +458,6 @@ SHOWN_BY = {
         "averaged_over_lights",
         "only_one_light",
         "flat_colour_squared",
-        "flat_colour_missing",
     ),
 }
 """Scenes that show what the lab's does not"""
-
-
-# ---------------------------------------------------------------- in words
-
-
-def explained(name: str) -> Mistake:
-    return catalogue().mistakes[name]
-
-
-def title(name: str) -> str:
-    """What a mistake is called to a student."""
-    return explained(name).title if name != UNKNOWN else UNKNOWN
-
-
-def titles(names: Sequence[str]) -> str:
-    return " + ".join(title(name) for name in names) or "no mistake"
-
-
-def observations(found: Verdict) -> list[str]:
-    """What the picture shows, in the student's terms: the parts that are off, the worst first."""
-    said: list[tuple[float, str]] = []
-    for region in found.regions:
-        if region.kind == "shadow":
-            if region.ratio > 1.5 / 255:
-                text = WORDS["region_not_black"].format(
-                    region=region.name, value=255 * region.ratio
-                )
-                said.append((region.ratio * 10, text))
-            continue
-        off = abs(region.ratio - 1)
-        if off > max(4 * region.standard_error, 0.006):
-            key = "region_bright" if region.ratio > 1 else "region_dark"
-            text = WORDS[key].format(region=region.name, ratio=region.ratio)
-            if abs(region.trend) > 0.1 and off > 0.03:
-                grows = (region.trend > 0) == (region.ratio > 1)
-                text += WORDS["farther_more" if grows else "farther_less"]
-            said.append((off, text))
-    n, effective = found.nb_light_samples, found.effective_samples
-    if effective < 0.7 * n and n > 1:
-        said.append((1.0, WORDS["noise_of"].format(n=n, effective=max(effective, 1))))
-    return [text for _, text in sorted(said, key=lambda s: -s[0])[:4]]
-
-
-def confidence(found: Verdict) -> str:
-    share = found.confidence
-    shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
-    return WORDS["confidence"].format(confidence=shown)
-
-
-def rounded_odds(odds: float) -> str:
-    """
-    >>> rounded_odds(12.3), rounded_odds(2e7)
-    ('12', '10^7')
-    """
-    return f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
-
-
-def text(found: Verdict, hint: int = 3) -> str:
-    """The verdict for a terminal. hint: 0 verdict, 1 where to look, 2 the handout's step and the
-    mistake's name, 3 the formula and the evidence."""
-    lines = [headline(found)]
-    if found.verdict != CANNOT_TELL:
-        lines[0] += f" ({confidence(found)})"
-    if hint == 0:
-        return "\n".join(lines) + "\n"
-    seen = observations(found)
-    if found.verdict == WRONG:
-        if hint == 1:
-            what = "hint_noise" if noise_only(found) else "hint_mean"
-            lines += ["", WORDS["hint"].format(where=WORDS[what])]
-            lines += [f"  {step}" for step in dict.fromkeys(
-                explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
-        else:
-            lines += _explanation(found, hint, seen)
-    elif seen and found.verdict == CANNOT_TELL:
-        lines += ["", WORDS["observed"], *(f"  {line}" for line in seen)]
-    if found.facts:
-        lines += ["", WORDS["picture"], *(f"  {said}" for _, said in found.facts)]
-    if found.verdict == RIGHT_:
-        lines += ["", detection(found)]
-        if found.hidden and hint >= 2:
-            lines.append(WORDS["hidden"].format(mistakes="; ".join(title(n) for n in found.hidden)))
-    if found.settle:
-        key = "more" if found.verdict == RIGHT_ else "settle"
-        lines += ["", WORDS[key].format(what="; or ".join(found.settle))]
-    return "\n".join(lines) + "\n"
-
-
-def headline(found: Verdict) -> str:
-    """The verdict in a sentence"""
-    one = found.verdict == RIGHT_ and found.most_light_samples == 1
-    return WORDS["right at one" if one else found.verdict]
-
-
-def noise_only(found: Verdict) -> bool:
-    return all(abs(r.ratio - 1) < 0.01 for r in found.regions if r.kind == "lit")
-
-
-def detection(found: Verdict) -> str:
-    brightness = f"{100 * found.detectable_brightness:.2g}%"
-    if found.nb_light_samples == 1 or found.detectable_samples < 1:
-        return WORDS["detectable_mean"].format(brightness=brightness)
-    return WORDS["detectable"].format(
-        brightness=brightness,
-        samples=math.ceil(found.detectable_samples),
-        n=found.nb_light_samples,
-    )
-
-
-def _explanation(found: Verdict, hint: int, seen: list[str]) -> list[str]:
-    lines = ["", WORDS["observed"], *(f"  {line}" for line in seen)] if seen else []
-    lines += ["", WORDS["several" if found.several else "cause"]]
-    for name in found.mistakes:
-        if name == UNKNOWN:
-            lines.append("  " + WORDS["unknown"].format(loose=found.loose))
-            if found.perhaps and not found.several:
-                lines.append("  " + WORDS["nearest"].format(title=titles(found.perhaps)))
-            continue
-        mistake = explained(name)
-        lines += [f"  {mistake.title}", f"    {mistake.cause}"]
-        if hint >= 3:
-            lines += [
-                f"    {WORDS['yours']} {mistake.wrong}",
-                f"    {WORDS['ours']} {mistake.right}",
-            ]
-        lines.append(f"    {WORDS['reread'].format(step=mistake.step)}")
-        if hint >= 3:
-            lines.append(f"    {WORDS['look'].format(look=mistake.look)}")
-    if hint >= 3:
-        if found.alike:
-            lines += ["", WORDS["alike"].format(titles="; ".join(titles(a) for a in found.alike))]
-        if found.runners_up and UNKNOWN not in found.mistakes:
-            lines += ["", WORDS["runners"]]
-            lines += [
-                "  " + WORDS["odds"].format(odds=rounded_odds(odds), titles=titles(names))
-                for names, odds in found.runners_up
-            ]
-        lines += ["", WORDS["command"].format(command=found.command)]
-    return lines

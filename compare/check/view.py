@@ -8,6 +8,8 @@ edges of pixels, a framework's own offsets) cannot shout. docs/check.md derives 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,9 +18,10 @@ from scipy import ndimage
 
 from compare.check.catalogue import Variant
 from compare.check.grid import Grid
-from compare.check.moments import Moments, Sites
+from compare.check.moments import Moments
 from compare.check.picture import Picture
 from compare.check.prediction import Law, Surroundings, predict, surface_lights
+from compare.check.quadrature import Sites
 from compare.scene import Scene
 
 CELL, THIN = 8, 2
@@ -141,7 +144,7 @@ class View:
 
     @property
     def sites(self) -> Sites:
-        return self.around.moments[0]._sites
+        return self.around.moments[0].sites
 
     def part(self, share: int, light_grid: int) -> View:
         """Every share-th cell, its moments computed anew with light_grid squared points."""
@@ -157,8 +160,7 @@ class View:
         part.around = replace(
             around,
             moments=tuple(
-                Moments(m._scene_file, m._light, m._sites[which], light_grid)
-                for m in around.moments
+                Moments(m.scene_file, m.light, m.sites[which], light_grid) for m in around.moments
             ),
             flat_colour=around.flat_colour[which],
             radiance=tuple(r[which] for r in around.radiance),
@@ -249,8 +251,8 @@ class View:
         return float(self.loglik_of(self.held_against(variant)).sum())
 
     def loglik_of(self, found: Statistics, spared_noise: bool = False) -> np.ndarray:
-        """(c,): log-likelihood of every cell. spared_noise: noise that is lower than foretold by one
-        factor is a better sampler, no fault."""
+        """(c,): log-likelihood of every cell. spared_noise: noise that is lower than foretold by
+        one factor is a better sampler, no fault."""
         ratio = found.noise_ratio
         if spared_noise:
             ratio = self._spared(found)
@@ -307,6 +309,17 @@ class View:
                     return factor
             factor *= float(np.clip(np.median(seen[fine] / foretold[fine]), 0.05, 20))
         return factor
+
+
+def lead_of(views: Sequence[View]) -> View:
+    """The picture whose noise says most."""
+    return min(
+        views,
+        key=lambda v: (
+            v.picture.samples_per_pixel > 1,
+            abs(math.log2(v.picture.nb_light_samples) - 4),
+        ),
+    )
 
 
 # ---------------------------------------------------------------- sites
