@@ -63,7 +63,7 @@ def test_json_has_the_evidence(tmp_path: Path) -> None:
     said = json.loads(out.read_text())
     assert said["verdict"] == "wrong" and said["mistakes"] == ["extra_sample"]
     assert said["pictures"][0]["light_samples"] == 16 and said["regions"]
-    lit = next(r for r in said["regions"] if r["name"] == "the lit part of floor")
+    lit = next(r for r in said["regions"] if r["name"] == "the lit part of the floor")
     assert abs(lit["ratio"] - 17 / 16) < 5 * lit["standard_error"] + 0.005
 
 

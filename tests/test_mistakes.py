@@ -272,7 +272,7 @@ def test_the_page_s_example_is_foretold_and_rendered_alike(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ["tp3", "check_low", "tp3_triangle", "tp3_sphere"])
 def test_moments_without_the_library_are_the_same(name: str) -> None:
-    """Two texts, of the same points: all but rays that graze, which rounding decides."""
+    """Two texts, of the same points: but for two sites where a ray grazes and rounding decides."""
     file = ROOT / "scenes" / f"{name}.json"
     scene = read_scene(file)
     rng = np.random.default_rng(1)
@@ -290,7 +290,8 @@ def test_moments_without_the_library_are_the_same(name: str) -> None:
         again = quadrature.moments(scene, 0, sites, domain, rays, weights, 6)
         for one, other in zip(found, again, strict=True):
             scale = np.abs(one).max(axis=-1, keepdims=True) + 1e-12
-            assert np.mean(np.abs(one - other) > 1e-5 * scale) < 1e-4, domain
+            apart = np.abs(one - other) > 1e-5 * scale
+            assert apart.reshape(-1, len(hits)).any(axis=0).sum() <= 2, domain
     s, t = rng.uniform(-1, 2, (2, 7))
     places = mistaken.places(file, 0, sites, s, t), quadrature.places(scene, 0, sites, s, t)
-    assert np.mean(np.abs(places[0] - places[1]) > 1e-5 * places[0].max()) < 1e-3
+    assert (np.abs(places[0] - places[1]) > 1e-5 * places[0].max()).sum() <= 2

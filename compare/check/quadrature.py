@@ -89,9 +89,8 @@ def places(scene: Scene, light: int, sites: Sites, s: np.ndarray, t: np.ndarray)
     right = catalogue().choices["visibility", RIGHT], catalogue().choices["weight", RIGHT]
     brings = []
     for one_s, one_t in zip(s, t, strict=True):
-        at = np.full((2, len(sites), 1), (one_s, one_t)).reshape(2, len(sites), 1)
-        at[0], at[1] = one_s, one_t
-        way = _ways(scene.lights[light], sites.receivers, at[0], at[1])
+        at = [np.full((len(sites), 1), value) for value in (one_s, one_t)]
+        way = _ways(scene.lights[light], sites.receivers, *at)
         seen = _visible(scene, right[0], sites.receivers, way)
         brings.append((way.area * _weight(right[1], way) * seen)[:, 0])
     return np.asarray(brings, np.float32)
