@@ -28,6 +28,10 @@ def add(subcommands: Subcommands) -> None:
         "--correct", type=positive, default=505, metavar="C", help="correct renderers [505]"
     )
     parser.add_argument(
+        "--seed", type=positive, default=2, metavar="S",
+        help="of the draw [2]; prices and tolerances were set on 1",
+    )  # fmt: skip
+    parser.add_argument(
         "--reduced", action="store_true", help="the few of the tests: a minute instead of 15"
     )
 
@@ -36,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     from compare.check.calibration import study
 
     out: Path = options.out
-    found = study(out, options.cases, options.correct, options.reduced)
+    found = study(out, options.cases, options.correct, options.seed, options.reduced)
     right, detected, first, unknown = (
         found[key] for key in ("correct", "detected", "named", "unknown")
     )

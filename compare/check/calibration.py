@@ -424,12 +424,12 @@ def judged(
 
 
 def study(
-    out: Path, cases: int, correct: int, reduced: bool = False, jobs: int = JOBS
+    out: Path, cases: int, correct: int, seed: int, reduced: bool = False, jobs: int = JOBS
 ) -> dict[str, Any]:
     """Draw, judge, sum up, write. A run that was stopped goes on where it was.
 
     Raises MissingProgramError, JournalError, OSError."""
-    specimens = few() if reduced else draw(cases, correct)
+    specimens = few() if reduced else draw(cases, correct, seed)
     own = sorted((ROOT / "compare" / "check").glob("*.py"))
     version = file_hash(*own, FILE, LIBRARY)[:12]
     records = []
@@ -447,7 +447,8 @@ def study(
                 progress.update()
         result = summary(records)
         result["settings"] = {
-            **{"cases": cases, "correct": correct, "reduced": reduced, "scenes": SCENES},
+            **{"cases": cases, "correct": correct, "seed": seed, "reduced": reduced},
+            "scenes": SCENES,
             "pictures": len(records),
         }
         result["alike"] = alike()

@@ -43,8 +43,9 @@ POWERS = (0.5, 2.0)
 """Brightnesses that a scene of half or twice the power has, where the power is not known"""
 POWER_OR = ("area_halved", "light_twice")
 """Mistakes that are no more than that"""
-KNOWN = 0.008
-"""A brightness as near as this, relative, to a known mistake's is that mistake"""
+KNOWN, KNOWN_AT_ONE = 0.008, 0.03
+"""A brightness as near as this, relative, to a known mistake's is that mistake; where one light
+sample is taken, whose noise hides as much"""
 PARTS = 6
 COARSE_GRID, FINE_GRID = 8, 12
 FEW_CELLS = 0.03
@@ -250,8 +251,12 @@ class Search:
 
     def with_factor(self, variant: Variant) -> Variant:
         """With the brightness that fits best, unless a known mistake has that one."""
-        factor = self.parts[self.lead].best_factor(variant)
-        if any(abs(factor / known - 1) < KNOWN for known in self.known):
+        lead = self.parts[self.lead]
+        factor, drawn = lead.best_factor(variant), lead.picture
+        near = max(
+            KNOWN, KNOWN_AT_ONE / math.sqrt(drawn.nb_light_samples * drawn.samples_per_pixel)
+        )
+        if any(abs(factor / known - 1) < near for known in self.known):
             return variant
         return replace(variant, factor=factor)
 

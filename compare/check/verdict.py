@@ -37,6 +37,8 @@ SURE = 0.9
 """A picture of which less is sure is not called right"""
 COLOURLESS = "flat_colour_missing"
 """The mistake that colours show, and no brightness"""
+SLIGHT = 0.01
+"""Relative error of the mean below which a framework's own habits may be the reason"""
 UNNAMED = 60.0
 """Gain from which a picture is called wrong though no mistake explains it"""
 REGIONS = ("lit", "penumbra", "shadow")
@@ -161,7 +163,8 @@ def _decide(
     named = bool(top.mistakes) and gain > ACCUSED
     unexplained = diagnosis.unexplained > ACCUSED
     if named:
-        unexplained |= diagnosis.unexplained > ACCUSED / 3 or diagnosis.local > LOCAL
+        off = diagnosis.unexplained > ACCUSED / 3 and diagnosis.loose >= SLIGHT
+        unexplained = off or diagnosis.unexplained > 3 * ACCUSED or diagnosis.local > LOCAL
     light = diagnosis.light
     if strange and not (named and not unexplained and gain > DESPITE):
         return CANNOT_TELL, (), (), False
