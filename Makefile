@@ -243,7 +243,7 @@ report: build/report/index.html
 build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
     build/lights/profile.json build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
-    $(wildcard build/bench/bench.json) \
+    $(wildcard build/bench/bench.json) docs/calibration.json \
     penumbra.py $(wildcard cli/*.py report/*.py report/template/*)
 	$(PENUMBRA) report -o $@
 
