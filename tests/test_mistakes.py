@@ -260,12 +260,16 @@ def test_the_page_s_example_is_foretold_and_rendered_alike(tmp_path: Path) -> No
     page = (ROOT / "docs" / "adding-a-mistake.md").read_text()
     (entry,) = re.findall(r"```c\n(.*?)```", page, re.S)
     source = ROOT / "c_renderer" / "mistakes"
-    for name in ("mistakes.c", "mistakes.h"):
-        (tmp_path / name).write_text((source / name).read_text())
+    for file in source.glob("*.[ch]"):
+        (tmp_path / file.name).write_text(file.read_text())
     (tmp_path / "catalogue.def").write_text((source / "catalogue.def").read_text() + entry)
     core = ROOT / "c_renderer" / "src"
     command = ["gcc", "-std=c17", "-O1", "-fopenmp", "-fPIC", "-shared", "-DPENUMBRA_FLOAT64"]
-    command += [f"-I{core}", str(tmp_path / "mistakes.c"), *map(str, (core / "core").glob("*.c"))]
+    command += [
+        f"-I{core}",
+        *map(str, tmp_path.glob("*.c")),
+        *map(str, (core / "core").glob("*.c")),
+    ]
     subprocess.run([*command, "-lm", "-o", str(tmp_path / "libmistakes.so")], check=True)
     subprocess.run([sys.executable, "-c", ADDED, str(tmp_path)], check=True, cwd=ROOT)
 

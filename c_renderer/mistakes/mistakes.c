@@ -1,127 +1,9 @@
 #include "mistakes.h"
 
-#include <string.h>
-
+#include "choice.h"
 #include "core/rng.h"
 
-/* ---------------------------------------------------------------- the catalogue, compiled */
-
-enum { NONE, ALL, ROW, NOWHERE, PIXEL, LIGHT, COUNT, RUN, APART, FIRST };
-enum { MOST_SAMPLES = 1 << 12, MOST_GRID = 24, MOST_WEIGHTS = 24 };
-
-/* An entry of catalogue.def: which fields mean something depends on its module. */
-typedef struct {
-    Module module;
-    const char *name;
-    void (*places)(int count, const double *a, const double *b, double *s, double *t);
-    void (*factors)(int count, const double *raw, const double *cl, const double *d, double *w);
-    ShadowRay ray;
-    Output output;
-    double (*scale)(double n, double area, double norms);
-    double (*of_light)(double l, double nl, double n);
-    double (*colour)(double c);
-    double (*drawn)(double n); /* an average: samples, and the weight of each; or, where 0, */
-    double (*weight)(double n, double i);
-    double (*value)(double n, double k); /* of k visible ones */
-    double (*shaded)(double n, double k);
-    int kind; /* of value; where a clamp is; who shares random numbers */
-} Choice;
-
-#define where(condition, yes, no) ((condition) ? (yes) : (no))
-#define MISTAKE(...)
-#define NOTHING(...)
-
-/* first its expressions, as functions */
-#define DOMAIN(name, s_, t_)                                                                       \
-    static void domain_##name(int count, const double *a_, const double *b_, double *s, double *t) \
-    {                                                                                              \
-        for (int j = 0; j < count; j++) {                                                          \
-            double a = a_[j], b = b_[j];                                                           \
-            (void)a, (void)b;                                                                      \
-            s[j] = s_;                                                                             \
-            t[j] = t_;                                                                             \
-        }                                                                                          \
-    }
-#define WEIGHT(name, factor)                                                                       \
-    static void weight_##name(int count, const double *raw_, const double *cl_, const double *d_,  \
-                              double *w)                                                           \
-    {                                                                                              \
-        for (int j = 0; j < count; j++) {                                                          \
-            double raw = raw_[j], cl = cl_[j], d = d_[j], cs = raw > 0 ? raw : 0;                  \
-            (void)raw, (void)cs, (void)d;                                                          \
-            w[j] = cl > 0 ? (factor) : 0;                                                          \
-        }                                                                                          \
-    }
-#define OF(result, prefix, name, a, b, c)                                                          \
-    static double prefix##_##name(double a, double b, double c)                                    \
-    {                                                                                              \
-        (void)a, (void)b, (void)c;                                                                 \
-        return result;                                                                             \
-    }
-#define OF2(result, prefix, name, a, b)                                                            \
-    static double prefix##_##name(double a, double b)                                              \
-    {                                                                                              \
-        (void)a, (void)b;                                                                          \
-        return result;                                                                             \
-    }
-#define OF1(result, prefix, name, a)                                                               \
-    static double prefix##_##name(double a)                                                        \
-    {                                                                                              \
-        (void)a;                                                                                   \
-        return result;                                                                             \
-    }
-#define SCALE(name, factor) OF(factor, scale, name, n, area, norms)
-#define LIGHTS(name, factor) OF(factor, of_light, name, l, nl, n)
-#define COLOUR(name, factor) OF1(factor, colour, name, c)
-#define AVERAGE(name, drawn_, weight_) OF1(drawn_, drawn, name, n) OF2(weight_, each, name, n, i)
-#define SPLIT(name, kind, value_, shaded_)                                                         \
-    OF2(value_, value, name, n, k) OF2(shaded_, shaded, name, n, k)
-#define VISIBILITY NOTHING
-#define CLAMP NOTHING
-#define OUTPUT NOTHING
-#define GENERATOR NOTHING
-#include "catalogue.def"
-#undef DOMAIN
-#undef VISIBILITY
-#undef WEIGHT
-#undef SCALE
-#undef LIGHTS
-#undef AVERAGE
-#undef SPLIT
-#undef CLAMP
-#undef OUTPUT
-#undef COLOUR
-#undef GENERATOR
-
-/* then the table */
-#define DOMAIN(name_, s, t) {.module = MODULE_DOMAIN, .name = #name_, .places = domain_##name_},
-#define VISIBILITY(name_, ...) {.module = MODULE_VISIBILITY, .name = #name_, .ray = {__VA_ARGS__}},
-#define WEIGHT(name_, f) {.module = MODULE_WEIGHT, .name = #name_, .factors = weight_##name_},
-#define SCALE(name_, f) {.module = MODULE_SCALE, .name = #name_, .scale = scale_##name_},
-#define LIGHTS(name_, f) {.module = MODULE_LIGHTS, .name = #name_, .of_light = of_light_##name_},
-#define AVERAGE(name_, d, w)                                                                       \
-    {.module = MODULE_AVERAGE, .name = #name_, .drawn = drawn_##name_, .weight = each_##name_},
-#define SPLIT(name_, kind_, v, s)                                                                  \
-    {.module = MODULE_AVERAGE,                                                                     \
-     .name = #name_,                                                                               \
-     .kind = kind_,                                                                                \
-     .value = value_##name_,                                                                       \
-     .shaded = shaded_##name_},
-#define CLAMP(name_, kind_) {.module = MODULE_CLAMP, .name = #name_, .kind = kind_},
-#define OUTPUT(name_, ...) {.module = MODULE_OUTPUT, .name = #name_, .output = {__VA_ARGS__}},
-#define COLOUR(name_, f) {.module = MODULE_COLOUR, .name = #name_, .colour = colour_##name_},
-#define GENERATOR(name_, kind_) {.module = MODULE_GENERATOR, .name = #name_, .kind = kind_},
-static const Choice CHOICES[] = {
-#include "catalogue.def"
-};
-
-int mistakes_choice(Module module, const char *name)
-{
-    for (size_t i = 0; i < sizeof CHOICES / sizeof *CHOICES; i++)
-        if (CHOICES[i].module == module && strcmp(CHOICES[i].name, name) == 0)
-            return (int)i;
-    return -1;
-}
+enum { MOST_SAMPLES = MISTAKES_MOST_LIGHT_SAMPLES + 1, MOST_GRID = 24 };
 
 /* ---------------------------------------------------------------- samples of a light */
 
@@ -282,7 +164,7 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
         Samples samples;
         double a[MOST_GRID * MOST_GRID], b[MOST_GRID * MOST_GRID];
         double s[MOST_GRID * MOST_GRID], t[MOST_GRID * MOST_GRID];
-        double seen[MOST_GRID * MOST_GRID], w[MOST_WEIGHTS][MOST_GRID * MOST_GRID];
+        double seen[MOST_GRID * MOST_GRID], w[nb_weights][MOST_GRID * MOST_GRID];
         /* in each cell of the grid one point, at the places of a lattice (Roberts's R2) that is
          * shifted for every site */
         const double step_a = 0.7548776662466927, step_b = 0.5698402909980532;

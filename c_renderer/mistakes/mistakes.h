@@ -53,8 +53,8 @@ typedef struct {
     const int *object;
 } Receivers;
 
-/* Of one light of unit radiance, for the samples that a domain draws, by a grid x grid of jittered
- * points at each receiver: per shadow ray (a visibility choice) and weight,
+/* Of one light of unit radiance, for the samples that a domain draws, by a grid x grid (24 x 24 at
+ * most) of jittered points at each receiver: per shadow ray (a visibility choice) and weight,
  *   chance[ray][receiver]                 that a sample sees the light,
  *   first, second[ray][weight][receiver]  the means of V w and V w^2, w area times the weight.
  * A ray to a fixed target is seen by a share of the pixel. */
@@ -67,11 +67,13 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
 void mistakes_places(const Scene *scene, int light, const Receivers *receivers, const double *s,
                      const double *t, int nb_places, float *first);
 
+enum { MISTAKES_MOST_LIGHT_SAMPLES = 4095 };
+
 typedef struct {
     int choice[NB_MODULES];
     double factor;         /* on every sample */
     int width, height;     /* [pixels] */
-    int nb_light_samples;  /* >= 1 */
+    int nb_light_samples;  /* 1 to MISTAKES_MOST_LIGHT_SAMPLES */
     int samples_per_pixel; /* >= 1; more than 1 are at random places of the pixel */
     unsigned long long seed;
     double position_x, position_y; /* of one ray in its pixel; below 0: random */

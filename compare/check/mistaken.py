@@ -124,8 +124,9 @@ def render(
     """The picture that a mistaken renderer makes: (H, W, 3) float32, linear, not clamped.
 
     position: of the ray in its pixel, None for a random one; divisor: 1 for pixels divided by
-    W - 1 and H - 1; grid: that of a student's picture, instead of these three. The output's
-    wrapping is the writer's business. Raises MissingProgramError.
+    W - 1 and H - 1; grid: that of a student's picture, instead of these three. Light samples beyond
+    MISTAKES_MOST_LIGHT_SAMPLES are left out. The output's wrapping is the writer's business. Raises
+    MissingProgramError.
     """
     ffi, library = opened()
     scene, _ = scene_of_c(scene_file)
@@ -145,7 +146,7 @@ def render(
             "factor": variant.factor,
             "width": width,
             "height": height,
-            "nb_light_samples": nb_light_samples,
+            "nb_light_samples": min(nb_light_samples, library.MISTAKES_MOST_LIGHT_SAMPLES),
             "samples_per_pixel": samples_per_pixel,
             "seed": seed,
             "position_x": -1.0 if position is None else position[0],
