@@ -551,7 +551,9 @@ def summary(records: Sequence[tuple[Specimen, dict[str, Any]]]) -> dict[str, Any
         "unknown": left_out(out),
         "wrong": [_case(s, said) for s, said in [*accused, *(r for r in shown if r not in first)]],
         "wrong_pairs": [_case(s, said) for s, said in two if not named(s, said)],
-        "left_out": [_case(s, said) for s, said in out if UNKNOWN not in said["mistakes"]],
+        "left_out": [
+            _case(s, said) for s, said in out if _outcome(s, said) not in ("unknown", "named")
+        ],
     }
 
 
@@ -601,7 +603,7 @@ def confusion(records: Sequence[tuple[Specimen, dict[str, Any]]]) -> dict[str, A
 def left_out(records: Sequence[tuple[Specimen, dict[str, Any]]]) -> dict[str, Any]:
     """What becomes of mistakes that the catalogue lacks."""
     words = Counter(_outcome(s, said) for s, said in records if said["expected"] >= CLEAR)
-    keys = ("unknown", "alike", "nearest", "cannot tell", "right")
+    keys = ("unknown", "named", "alike", "nearest", "cannot tell", "right")
     return {"n": sum(words.values()), **{key.replace(" ", "_"): words[key] for key in keys}}
 
 
@@ -610,6 +612,8 @@ def _outcome(specimen: Specimen, said: dict[str, Any]) -> str:
         return str(said["verdict"])
     if UNKNOWN in said["mistakes"]:
         return "unknown"
+    if tuple(said["mistakes"]) == specimen.variant.mistakes:
+        return "named"  # by the light's shape, or as black
     return "alike" if said["from_best"] < ACCUSED else "nearest"
 
 

@@ -256,6 +256,8 @@ class Search:
         near = max(
             KNOWN, KNOWN_AT_ONE / math.sqrt(drawn.nb_light_samples * drawn.samples_per_pixel)
         )
+        if drawn.law != "float":  # a dim picture has few levels
+            near = max(near, 0.5 / 255 / max(np.quantile(lead.mean(lead.value), 0.9), 1 / 255))
         if any(abs(factor / known - 1) < near for known in self.known):
             return variant
         return replace(variant, factor=factor)

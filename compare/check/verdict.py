@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from compare.check.catalogue import RIGHT, Variant
-from compare.check.diagnosis import ACCUSED, LOCAL, PRICE_ONE, TEMPER, Diagnosis, constant
+from compare.check.diagnosis import (
+    ACCUSED,
+    LOCAL,
+    PRICE_ONE,
+    TEMPER,
+    Diagnosis,
+    FreeLight,
+    constant,
+)
 from compare.check.grid import Grid
 from compare.check.prediction import surface_lights
 from compare.check.view import NU, View, lead_of
@@ -35,6 +43,10 @@ HOPELESS = 1e6
 """Odds against from which another explanation is not worth a word"""
 SURE = 0.9
 """A picture of which less is sure is not called right"""
+POINTLIKE, BESIDE = 0.15, 0.1
+"""Of a free light: standard deviation, in edges, of one that is a point; share that is off the
+light of one that is elsewhere"""
+BLACK = 1.5 / 255
 COLOURLESS = "flat_colour_missing"
 """The mistake that colours show, and no brightness"""
 SLIGHT = 0.01
@@ -168,17 +180,17 @@ def _decide(
     light = diagnosis.light
     if strange and not (named and not unexplained and gain > DESPITE):
         return CANNOT_TELL, (), (), False
+    if max(float(view.value.max()) for view in diagnosis.views) < BLACK:
+        return WRONG, ("black",), (), False
     if unexplained:
         off = named or diagnosis.loose >= NEAR
         # and not by being only a darker or brighter light
         dimmed = Variant(factor=lead.best_factor(Variant()))
         well = WELL * max(min(_misfit(lead, top), _misfit(lead, dimmed)), 1e-9)
         if off and light is not None and light.misfit < min(3, well):
-            quiet = [r.noise for r in _regions(lead, Variant()) if r.noise > 0]
-            name = "quad_parametrisation_wrong"
-            if light.inside > 0.95 and max(quiet, default=1.0) < 0.3:
-                name = "same_samples_everywhere"
-            return WRONG, (name,), (), False
+            name = _of_light(light, lead)
+            if name:
+                return WRONG, (name,), (), False
         if coarse:
             return CANNOT_TELL, (), (), False
         if named and len(diagnosis.sure) > 1:
@@ -199,6 +211,18 @@ def _decide(
     if factor != 1 and (power_known or not _plausible_power(lead, factor)):
         return (WRONG, (UNKNOWN,), (), False) if power_known else (CANNOT_TELL, (), (), False)
     return RIGHT_, (), (), False
+
+
+def _of_light(light: FreeLight, lead: View) -> str:
+    """The name of the mistake that a free light shows, if it does."""
+    middle = (light.weights @ light.points) / max(float(light.weights.sum()), 1e-9)
+    spread = np.sqrt(light.weights @ (light.points - middle) ** 2 / max(light.weights.sum(), 1e-9))
+    if (spread < POINTLIKE).all():
+        return "light_point_fixed"
+    if light.inside < 1 - BESIDE:
+        return "quad_parametrisation_wrong"
+    quiet = [r.noise for r in _regions(lead, Variant()) if r.noise > 0]
+    return "same_samples_everywhere" if max(quiet, default=1.0) < 0.3 else ""
 
 
 def coloured(view: View) -> list[Sphere | Plane]:
@@ -234,12 +258,13 @@ def _rest(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 
 def _plausible_power(lead: View, factor: float) -> bool:
-    """Whether somebody would type such a power: a number of one or two digits, but for the fit's
-    own error."""
-    light = lead.scene.lights[0]
-    power = max(light.radiance) * factor  # type: ignore[union-attr]
+    """Whether somebody would type such a power (or of several lights such a factor): a number of
+    one or two digits, but for the fit's own error."""
+    lights = [lead.scene.lights[i] for i in surface_lights(lead.scene)]
+    power = factor * (max(lights[0].radiance) if len(lights) == 1 else 1)  # type: ignore[union-attr]
     digits = 10 ** (math.floor(math.log10(power)) - 1)
-    return abs(power / digits - round(power / digits)) * digits < 0.006 * power
+    near = 0.012 if lead.picture.jpeg else 0.006
+    return abs(power / digits - round(power / digits)) * digits < near * power
 
 
 def _misfit(view: View, variant: Variant) -> float:

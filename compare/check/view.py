@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from compare.check.catalogue import Variant
+from compare.check.catalogue import RIGHT, Variant
 from compare.check.grid import Grid
 from compare.check.moments import Moments
 from compare.check.picture import Picture
@@ -40,6 +40,12 @@ SMOOTHED = 0.35
 """What halved colours leave of a pure colour's noise, about: a coarse JPEG's noise says little"""
 SLOPE_GRID = 6
 """Squared, points of the light by which the slope of a penumbra is known"""
+FEW_EVENTS = 8.0
+SPARED = 0.8
+"""Part of the foretold variance below which the samples are better spread than random ones"""
+SHIFT, SHIFT_FITTED = 0.1, 0.25
+"""What rays may be beside where the grid has them [pixels]; where the grid is no camera that the
+scene has but one that was fitted"""
 FEW = 6
 """Pixels without which a cell tells no noise"""
 
@@ -223,23 +229,46 @@ class View:
         inside = inside * (SMOOTHED if coarse else 1) + step * (1 - ends)
         floor, absolute = self._tolerances()
         variance_of_mean = foretold * shared / self.count + step * (1 - ends) / self.count
-        residual_variance = variance_of_mean + (RELATIVE * shown_mean) ** 2 + absolute**2
+        beside = self.shift * self.mean(np.sqrt(12 * self.around.slope) * shown)
+        residual_variance = (
+            variance_of_mean + (RELATIVE * shown_mean) ** 2 + absolute**2 + beside**2
+        )
         noise = within * self.count / np.maximum(self.count - 1, 1)
         ratio = np.log((noise + floor) / (inside + floor))
         wide: np.ndarray | float = 1.0 if law.correlation == "ALL" or coarse else NOISE**2
         if law.rare > 0.01:  # a cell may have none of those pixels, or many
             wide = wide + np.minimum(1 / (law.rare * np.maximum(self.count, 1)), 1)
         noise_variance = np.where(
-            self.count >= FEW, 2 * 1.5 / np.maximum(self.count - 1, 1) + wide, np.inf
+            self.tells_noise, 2 * 1.5 / np.maximum(self.count - 1, 1) + wide, np.inf
         )
         return Statistics(
             mean_residual, residual_variance, noise, inside, ratio, noise_variance, shown_mean
         )
 
+    @property
+    def tells_noise(self) -> np.ndarray:
+        """(c,) bool: whether the scatter in a cell is a variance. It is not where only a few
+        samples are expected to be hidden among visible ones, or visible among hidden ones."""
+        picture = self.picture
+        drawn = picture.nb_light_samples * picture.samples_per_pixel
+        few = np.zeros(len(self.count), dtype=bool)
+        for moments in self.around.moments:
+            p = moments[RIGHT, RIGHT, RIGHT][0].astype(float)
+            events = drawn * self.mean(np.minimum(p, 1 - p)) * self.count
+            few |= (events > 0) & (events < FEW_EVENTS)
+        return (self.count >= FEW) & ~few
+
+    @property
+    def shift(self) -> float:
+        """[pixels]"""
+        grid = self.grid
+        own = grid.fov_y_deg == self.scene.camera.fov_y_deg and grid.aspect == 1
+        return SHIFT if own and not (grid.shift_x or grid.shift_y) else SHIFT_FITTED
+
     def _tolerances(self) -> tuple[float, float]:
         """Of the noise's variance and of the mean, absolute."""
         if self.picture.quantisation_variance == 0:
-            return 1e-8, 1e-4
+            return (0.25 / 255) ** 2, 1e-4
         jpeg = bool(self.picture.jpeg)
         return ((1.0 if jpeg else 0.5) / 255) ** 2, 0.25 * (3 if jpeg else 1) / 255
 
@@ -278,22 +307,15 @@ class View:
         return float((0.5 * (NU + 1) * (np.log1p(shift / NU) + np.log1p(louder / NU))).sum())
 
     def _spared(self, found: Statistics) -> np.ndarray:
-        """Noise ratios where samples are better spread than random ones: by one factor on their
-        variance where that is large, and one where it is small."""
+        """Noise ratios, but 0 where samples are better spread than random ones, which is where the
+        noise of most cells is lower than foretold: by how much is then nobody's business. Cells of
+        little noise and of much are asked apart."""
         ratio = found.noise_ratio
-        floor, _ = self._tolerances()
-        step = np.minimum(self.picture.quantisation_variance, found.foretold_noise)
-        sampled, seen = found.foretold_noise - step, np.maximum(found.noise - step, 0)
         loud = found.foretold_noise > (0.02 * found.mean) ** 2
         for kind in (loud, ~loud):
-            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance) & (sampled > 0)
-            if kind.sum() > 10:
-                factor = float(np.median(seen[kind] / sampled[kind]))
-                spared = np.log((found.noise + floor) / (factor * sampled + step + floor))
-                wide = found.noise_variance[kind] * NU
-                gain = np.log1p(ratio[kind] ** 2 / wide) - np.log1p(spared[kind] ** 2 / wide)
-                if factor < 0.8 and gain.sum() > 0:
-                    ratio = np.where(kind, spared, ratio)
+            kind = kind & (found.mean > 0.01) & np.isfinite(found.noise_variance)
+            if kind.sum() > 10 and np.median(ratio[kind]) < math.log(SPARED):
+                ratio = np.where(kind, 0.0, ratio)
         return ratio
 
     def best_factor(self, variant: Variant) -> float:
