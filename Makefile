@@ -222,7 +222,7 @@ build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/stud
     scenes/tp3.json $(SELF_SHADOW)
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
-## calibrate : how often `penumbra check` is wrong, docs/calibration.json: 15 minutes
+## calibrate : how often `penumbra check` is wrong, docs/calibration.json: 10 minutes
 .PHONY: calibrate
 calibrate: build
 	$(PENUMBRA) calibrate -o docs/calibration.json

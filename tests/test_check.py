@@ -71,7 +71,7 @@ def test_one_light_sample_is_not_said_to_prove_the_loop(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["check", picture(tmp_path, Variant(), n=1)]) == 0
-    assert "as far as one light sample shows" in capsys.readouterr().out
+    assert "as far as brightness shows" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -82,6 +82,7 @@ def test_one_light_sample_is_not_said_to_prove_the_loop(
         (["n016.png", "--scene", "nowhere"], "nowhere"),
         (["n016.png", "--scene", "tp3_point"], "no area light"),
         (["tiny_n016.png"], "too small"),
+        (["huge_n016.png"], "render it smaller"),
     ],
 )
 def test_bad_input_ends_with_2(
@@ -94,6 +95,7 @@ def test_bad_input_ends_with_2(
     for name in ("mine.png", "n016.png"):
         picture(tmp_path, Variant(), name=name)
     Image.new("RGB", (12, 8), (200, 0, 0)).save(tmp_path / "tiny_n016.png")
+    Image.new("RGB", (4000, 3000)).save(tmp_path / "huge_n016.png")
     monkeypatch.chdir(tmp_path)
     assert main(["check", *arguments]) == 2
     assert told in capsys.readouterr().err

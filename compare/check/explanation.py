@@ -9,6 +9,9 @@ from compare.check.catalogue import Mistake, catalogue
 from compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, Verdict
 from compare.check.words import WORDS
 
+NO_EFFECT = "n_no_effect"
+"""The commonest mistake, which only noise shows"""
+
 
 def explained(name: str) -> Mistake:
     return catalogue().mistakes[name]
@@ -97,8 +100,8 @@ def text(found: Verdict, hint: int = 3) -> str:
 
 def headline(found: Verdict) -> str:
     """The verdict in a sentence"""
-    one = found.verdict == RIGHT_ and found.most_light_samples == 1
-    return WORDS["right at one" if one else found.verdict]
+    mute = found.verdict == RIGHT_ and NO_EFFECT in found.hidden
+    return WORDS["right in brightness" if mute else found.verdict]
 
 
 def noise_only(found: Verdict) -> bool:

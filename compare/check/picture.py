@@ -19,6 +19,8 @@ LUMA = np.array([0.299, 0.587, 0.114])
 ROUNDED, EITHER = ", rounded", ", rounded or not"
 """After the name of a curve: rounded, not truncated; the background does not tell (of "rounded":
 whether it was truncated after times 256)"""
+MOST_PIXELS = 1 << 23
+"""Of a picture: more would take minutes and gigabytes, and say no more"""
 EIGHT_BITS = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -76,6 +78,12 @@ def read_picture(
     """
     path = Path(file)
     levels, top, jpeg, step = _numbers(path)
+    height, width = levels.shape[:2]
+    if height * width > MOST_PIXELS:
+        raise ImageError(
+            f"{path}: {width} x {height} pixels, more than {MOST_PIXELS}: render it smaller, "
+            f"{scene.width} x {scene.height} say"
+        )
     colour, law, facts = _background(levels, top, jpeg, scene)
     tolerance = {"": 0.0, "fine": 3.0, "coarse": 12.0}[jpeg] if top else 0.1
     mixed = bool(jpeg) or samples_per_pixel > 1

@@ -113,8 +113,6 @@ class Verdict:
     command: str
     nb_light_samples: int
     """of the picture that says most"""
-    most_light_samples: int
-    """of all"""
 
 
 def verdict(
@@ -161,7 +159,6 @@ def verdict(
         lead.scene.name,
         f"penumbra exact {scene_file} -o exact.exr && penumbra png exact.exr -o exact.png",
         n,
-        max(view.picture.nb_light_samples for view in diagnosis.views),
     )
 
 

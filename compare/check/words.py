@@ -15,7 +15,7 @@ WORDS: dict[str, str] = {
     "fewer than {samples} of the {n} light samples.",
     "detectable_mean": "It would have shown a light that is off by {brightness} or more.",
     "hidden": "It cannot show: {mistakes}.",
-    "right at one": "RIGHT, as far as one light sample shows: it cannot tell whether nbLightSamples works.",
+    "right in brightness": "RIGHT, as far as brightness shows: from this nobody can tell whether nbLightSamples works.",
     "settle": "What would settle it: {what}.",
     "more": "To see those too: {what}.",
     "settle_n": "a picture with at least 16 light samples",
