@@ -57,7 +57,7 @@ def _content(checked: Checked, hint: int) -> dict[str, Any]:
     found, diagnosis = checked.verdict, checked.diagnosis
     lead = checked.lead
     wrong = found.verdict == WRONG
-    seen = hint >= (NAME if wrong else WHERE)
+    seen = hint >= (NAME if wrong else WHERE) and "geometry" not in dict(found.facts)
     explains = wrong and hint >= NAME
     return {
         "tone": TONES[found.verdict],
@@ -178,7 +178,7 @@ def _compare(checked: Checked, lead: View, hint: int) -> dict[str, Any]:
         ("right, without noise", right_picture(lead, factor)),
     ]
     best = diagnosis.best.variant
-    if found.verdict == WRONG and hint >= NAME and best.mistakes:
+    if found.verdict == WRONG and hint >= NAME and best.mistakes and not found.beside:
         named = set(best.mistakes) == {*found.mistakes, *found.perhaps} - {UNKNOWN}
         label = (
             "with the mistake" if named and UNKNOWN not in found.mistakes else "with the nearest"
@@ -213,7 +213,8 @@ def _compare(checked: Checked, lead: View, hint: int) -> dict[str, Any]:
 
 def _map(checked: Checked, lead: View) -> dict[str, Any]:
     found, diagnosis = checked.verdict, checked.diagnosis
-    best = (diagnosis.best if found.verdict == WRONG else diagnosis.right).variant
+    named = found.verdict == WRONG and not found.beside
+    best = (diagnosis.best if named else diagnosis.right).variant
     excess = unexplained(lead, checked.scene_file, best)
     dark = np.isnan(excess)
     excess[dark] = 0

@@ -84,7 +84,7 @@ def text(found: Verdict, hint: int = 3) -> str:
                 explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
         else:
             lines += _explanation(found, hint, seen)
-    elif seen and found.verdict == CANNOT_TELL:
+    elif seen and found.verdict == CANNOT_TELL and "geometry" not in dict(found.facts):
         lines += ["", WORDS["observed"], *(f"  {line}" for line in seen)]
     if found.facts:
         lines += ["", WORDS["picture"], *(f"  {said}" for _, said in found.facts)]

@@ -21,7 +21,7 @@ WORDS: dict[str, str] = {
     "settle_n": "a picture with at least 16 light samples",
     "settle_size": "a larger picture, such as 600 x 400",
     "settle_png": "a PNG instead of a JPEG",
-    "settle_scene": "the scene that `penumbra scene scenes/{scene} --as cpp` prints",
+    "settle_scene": "a picture of another scene: penumbra scene scenes/{scene} --as cpp",
     "settle_camera": "the scene's own camera: penumbra scene {scene} --as cpp",
     "power": "your scene has a light of power {power:.4g} where this one has {stated:.4g} (all else "
     "agrees)",
