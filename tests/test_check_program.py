@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from compare.check import program
 from compare.check.catalogue import Variant
 from compare.check.mistaken import render
 from compare.check.program import Examined, check_program
@@ -21,13 +22,18 @@ TEMPLATE = f"{shlex.quote(sys.executable)} {{scene}} {{light_samples}} {{seed}} 
 
 
 def examined(
-    variant: Variant, scenes: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    variant: Variant,
+    scenes: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    alone: Variant | None = None,
 ) -> Examined:
-    """Of a renderer that makes pictures of half the scene's size."""
+    """Of a renderer that makes pictures of half the scene's size; alone: what it is on one thread,
+    if that is another."""
 
     def run(self: CommandRenderer, job: Job, out: Path) -> float:
         shape = job.height // 2, job.width // 2
-        radiance = render(job.scene_file, variant, shape, job.light_samples, 1, job.seed)
+        mine = alone if alone and job.threads == 1 else variant
+        radiance = render(job.scene_file, mine, shape, job.light_samples, 1, job.seed)
         Image.fromarray((255 * np.clip(radiance, 0, 1)).astype(np.uint8)).save(out)
         return 0.1
 
@@ -61,6 +67,13 @@ def test_what_the_labs_scene_hides_is_found(
     assert found.telling.experiment.scene_file.stem == scene
 
 
+def test_a_data_race_is_told_by_one_thread_and_several(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(program, "cores", lambda: 2)
+    found = examined(Variant(visibility="lost_0_3"), ("tp3",), monkeypatch, alone=Variant())
+    assert found.diagnosis.best.variant.mistakes == ("samples_lost",)
+    assert "data race" in dict(found.facts)["race"]
+
+
 @pytest.mark.parametrize(
     ("script", "said"),
     [
@@ -71,10 +84,10 @@ def test_what_the_labs_scene_hides_is_found(
     ],
 )
 def test_what_is_no_renderer_is_said(script: str, said: str, tmp_path: Path) -> None:
-    program = tmp_path / "mine"
-    program.write_text(f"#!/bin/sh\n{script}\n")
-    program.chmod(0o755)
-    template = f"{shlex.quote(str(program))} {{scene}} {{light_samples}} {{out}} {{seed}}"
+    mine = tmp_path / "mine"
+    mine.write_text(f"#!/bin/sh\n{script}\n")
+    mine.chmod(0o755)
+    template = f"{shlex.quote(str(mine))} {{scene}} {{light_samples}} {{out}} {{seed}}"
     with pytest.raises(RendererError, match=said):
         check_program(template, ".png", timeout=1)
 
