@@ -97,7 +97,7 @@ build: $(foreach product,bin/penumbra-render bin/penumbra-render-float64 lib/lib
 
 # Where shadow rays should start: a study in both precisions, of the renderer's own functions.
 SELF_SHADOW := build/lib/libself_shadow.so build/lib/libself_shadow-float64.so
-$(SELF_SHADOW): compare/studies/self_shadow.c $(wildcard c_renderer/src/core/*.[ch]) Makefile | build/setup.run
+$(SELF_SHADOW): penumbra/compare/studies/self_shadow.c $(wildcard c_renderer/src/core/*.[ch]) Makefile | build/setup.run
 	@mkdir -p $(@D)
 	gcc $(C_FLAGS) -O3 -march=native -ffp-contract=fast \
 	    $(if $(findstring -float64,$@),-DPENUMBRA_FLOAT64) -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
@@ -154,10 +154,10 @@ SAMPLES_tp3_statement := 128
 SAMPLES_tp3_point     := 16
 size = $(if $(filter $(LIGHTS),$(1)),--width 270 --height 180)
 # Without Cycles (exit status 3): the small reference that the repository holds.
-build/reference/%.exr: scenes/%.json $(wildcard blender_ref/*.py) | build/setup.run
+build/reference/%.exr: scenes/%.json $(wildcard penumbra/blender_ref/*.py) | build/setup.run
 	@mkdir -p $(@D)
 	$(PENUMBRA) reference $< -o $@ $(call size,$*) --samples $(or $(SAMPLES_$*),$(SAMPLES)) || \
-	    { [ $$? -eq 3 ] && cp blender_ref/shipped/$*.exr $@.part && mv $@.part $@; }
+	    { [ $$? -eq 3 ] && cp penumbra/blender_ref/shipped/$*.exr $@.part && mv $@.part $@; }
 
 # Ours: the image of the most light samples. A point light needs but one.
 MOST               := 1024
@@ -173,7 +173,7 @@ build/images/%_small.exr: scenes/%.json $(RENDER)
 	@mkdir -p $(@D)
 	$(RENDER) $< --light-samples 4096 --seed 1 $(call how,$*) $(call size,$*) -o $@
 
-COMPARE := $(wildcard compare/*.py compare/*/*.py)
+COMPARE := $(wildcard penumbra/compare/*.py penumbra/compare/*/*.py)
 
 # Verdicts: build/agreement/SCENE_IMAGE_REFERENCE.json, and .txt for reading. The last argument is the
 # largest exit status that is a result: 1, "differs", always is; 2 where the two differ in size, as
@@ -218,7 +218,7 @@ build/stability/stability.csv build/stability/stability.json &: $(wildcard c_ren
 .PHONY: self-shadow
 self-shadow: build/stability/self_shadow.json
 
-build/stability/self_shadow.csv build/stability/self_shadow.json &: compare/studies/self_shadow.py \
+build/stability/self_shadow.csv build/stability/self_shadow.json &: penumbra/compare/studies/self_shadow.py \
     scenes/tp3.json $(SELF_SHADOW)
 	$(PENUMBRA) self-shadow -o build/stability/self_shadow
 
@@ -244,7 +244,7 @@ build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/referen
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
     build/lights/profile.json build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
     $(wildcard build/bench/bench.json) docs/calibration.json \
-    penumbra.py $(wildcard cli/*.py report/*.py report/template/*)
+    $(wildcard penumbra/*.py penumbra/cli/*.py penumbra/report/*.py penumbra/report/template/*)
 	$(PENUMBRA) report -o $@
 
 # ---------------------------------------------------------------- benchmark
@@ -294,7 +294,7 @@ build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c c_renderer/src/io/scene_j
 	clang $(C_FLAGS) $(CHECKED) -fsanitize=fuzzer,address,undefined $(LIB_CFLAGS) \
 	    $(filter %.c,$^) $(LIB_LDFLAGS) -o $@.part && mv $@.part $@
 
-PYTHON_FILES := penumbra.py bench blender_ref cli compare report tests
+PYTHON_FILES := penumbra bench tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
@@ -340,14 +340,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

@@ -18,11 +18,11 @@ from bench.page import PageError, tables, write_page
 from bench.results import summary
 from bench.rounds import COLUMNS, Measured, Plan, measure, use_cores
 from bench.systems import NotBuilt, SystemFailed
-from blender_ref import CyclesError
-from compare.measure.image import ImageError
-from compare.run import provenance
-from compare.run.output import write_csv, write_json
-from compare.scene import SceneError, read_scene
+from penumbra.blender_ref import CyclesError
+from penumbra.compare.measure.image import ImageError
+from penumbra.compare.run import provenance
+from penumbra.compare.run.output import write_csv, write_json
+from penumbra.compare.scene import SceneError, read_scene
 
 PEAK_COLUMNS = ("round", "threads", "fma_per_second", "divisions_per_second")
 QUIET = 0.3

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compare.scene import Plane, QuadLight, Scene, Vec3
+from penumbra.compare.scene import Plane, QuadLight, Scene, Vec3
 
 
 class UnsupportedScene(ValueError):

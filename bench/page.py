@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.law import seconds_of
 from bench.results import FAST
-from compare.run.output import write_whole
+from penumbra.compare.run.output import write_whole
 
 BEGIN = "<!-- measured by `make bench`: begin -->"
 END = "<!-- measured by `make bench`: end -->"

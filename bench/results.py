@@ -11,8 +11,8 @@ import numpy as np
 from bench.law import Law, Row, medians, seconds_of
 from bench.rounds import EMPTY_PROCESS, WHOLE_PROCESS, Measured, Plan
 from bench.systems import NOISELESS, ScalarLoop
-from compare.exact.image import LIT, PENUMBRA, ExactImage
-from compare.scene import Plane, Scene
+from penumbra.compare.exact.image import LIT, PENUMBRA, ExactImage
+from penumbra.compare.scene import Plane, Scene
 
 FAST = "area sobol"
 """The estimator that samples everywhere, with its best points: the one compared at equal N."""

@@ -35,10 +35,10 @@ from bench.systems import (
     mitsuba_name,
     program,
 )
-from compare.exact.image import exact_image, regions
-from compare.measure.metrics import relative_rmse
-from compare.run.provenance import ROOT
-from compare.scene import Scene, read_scene
+from penumbra.compare.exact.image import exact_image, regions
+from penumbra.compare.measure.metrics import relative_rmse
+from penumbra.compare.run.provenance import ROOT
+from penumbra.compare.scene import Scene, read_scene
 
 COMPARED = (16, 64, 256)
 """Light samples at which the scalar loop and other people's renderers are measured, however long
@@ -304,7 +304,15 @@ def _process_tasks(
     yield rounds.process(EMPTY_PROCESS, [renderer, "--version"], frame)
     yield rounds.process(WHOLE_PROCESS, [renderer, scene, "-o", out, *words], frame)
     if any(system.name == "Cycles" for system in systems):
-        cycles = [sys.executable, "-P", "-m", "blender_ref", scene, str(frame.light_samples), "1"]
+        cycles = [
+            sys.executable,
+            "-P",
+            "-m",
+            "penumbra.blender_ref",
+            scene,
+            str(frame.light_samples),
+            "1",
+        ]
         size = ["--width", str(frame.width), "--height", str(frame.height)]
         yield rounds.process("Cycles to a file", [*cycles, out, *size], frame)
 

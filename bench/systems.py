@@ -16,9 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from bench.mitsuba_scene import UnsupportedScene, mitsuba_scene
-from compare.measure.image import read_image
-from compare.run.provenance import ROOT
-from compare.scene import QuadLight, read_scene
+from penumbra.compare.measure.image import read_image
+from penumbra.compare.run.provenance import ROOT
+from penumbra.compare.scene import QuadLight, read_scene
 
 BURST = 0.03
 """Frames that are shorter are repeated until this time is over [s]; the median frame counts."""
@@ -227,7 +227,7 @@ class CyclesSystem:
     box_filtered = False
 
     def __init__(self, scene_file: Path, width: int, height: int) -> None:
-        from blender_ref import Cycles, CyclesError, MissingBlender
+        from penumbra.blender_ref import Cycles, CyclesError, MissingBlender
 
         try:
             self._cycles = Cycles(scene_file, width, height)

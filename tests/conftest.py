@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from compare.measure.image import Image, read_image
+from penumbra.compare.measure.image import Image, read_image
 
 STRESS = int(os.environ.get("PENUMBRA_STRESS", "1"))
 """How many times its usual number of cases a test of many runs; `make stress` sets it."""

@@ -11,7 +11,7 @@ from typing import Any
 import cffi
 import numpy as np
 
-from compare.run.library import opened, read_by_c
+from penumbra.compare.run.library import opened, read_by_c
 
 
 @dataclass(frozen=True)

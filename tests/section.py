@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from report.build import TEMPLATES, Rendered, rendered
-from report.inputs import Data, read_inputs
-from report.sections import SECTIONS, Section, inputs_of
+from penumbra.report.build import TEMPLATES, Rendered, rendered
+from penumbra.report.inputs import Data, read_inputs
+from penumbra.report.sections import SECTIONS, Section, inputs_of
 from tests.conftest import ROOT
 
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compare.exact.irradiance import SurfaceLight
-from compare.exact.receivers import Receivers
-from compare.scene import DiskLight, Scene, SphereLight, TriangleLight
+from penumbra.compare.exact.irradiance import SurfaceLight
+from penumbra.compare.exact.receivers import Receivers
+from penumbra.compare.scene import DiskLight, Scene, SphereLight, TriangleLight
 
 Real = np.longdouble
 PI = np.arctan2(Real(0), Real(-1))

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare.exact.image import exact_image, regions
-from compare.measure.image import Image
-from compare.scene import read_scene
+from penumbra.compare.exact.image import exact_image, regions
+from penumbra.compare.measure.image import Image
+from penumbra.compare.scene import read_scene
 
 Render = Callable[..., Image]
 SIZE = {"width": 150, "height": 100}

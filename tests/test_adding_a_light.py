@@ -19,7 +19,7 @@ KNOWS = {
     )
     for shape in SHAPES
 }
-SOURCES = ("c_renderer/src", "compare", "blender_ref", "report", "cli", "bench", "scenes")
+SOURCES = ("c_renderer/src", "penumbra", "bench", "scenes")
 
 
 def named() -> list[str]:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.exact.image import LIT, ExactImage, exact_image, regions, shade
-from compare.exact.receivers import camera_hits
-from compare.measure.agreement import (
+from penumbra.compare.exact.image import LIT, ExactImage, exact_image, regions, shade
+from penumbra.compare.exact.receivers import camera_hits
+from penumbra.compare.measure.agreement import (
     ComparisonError,
     Row,
     agreement,
@@ -28,10 +28,10 @@ from compare.measure.agreement import (
     sample_range,
     unbiasedness_p_values,
 )
-from compare.measure.image import Image, ImageError, read_image, write_display, write_exr
-from compare.measure.metrics import luminance
-from compare.measure.statistics import binomial_interval
-from compare.scene import Scene, read_scene
+from penumbra.compare.measure.image import Image, ImageError, read_image, write_display, write_exr
+from penumbra.compare.measure.metrics import luminance
+from penumbra.compare.measure.statistics import binomial_interval
+from penumbra.compare.scene import Scene, read_scene
 from tests.test_image import deep_png, hdr
 
 Render = Callable[..., Image]
@@ -114,7 +114,7 @@ def test_shipped_cycles_references_agree_with_exact_and_c_does_not_contradict_th
     """Cycles within 0.1% at 99% confidence in every region, and 99.9% of the pixels consistent.
     C, at the references' size and N = 4096, within 1% of them: its penumbra's interval there
     is +-0.15% (0.9 / sqrt(763 * 4096) * 2.58)."""
-    file = ROOT / "blender_ref" / "shipped" / f"{name}.exr"
+    file = ROOT / "penumbra" / "blender_ref" / "shipped" / f"{name}.exr"
     found = compare_files(file, "exact", scenes / f"{name}.json")
     assert found.rows[0]["delta"] == 1e-3
     assert found.agrees, format_rows(found.rows)

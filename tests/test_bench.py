@@ -20,10 +20,10 @@ from bench.law import Law, medians, round_up
 from bench.mitsuba_scene import UnsupportedScene, mitsuba_scene
 from bench.rounds import VARIANTS, Measured, Plan, Truth
 from bench.systems import Absent, EmbreeSystem, Frame, Loop, MitsubaSystem, ScalarLoop, SystemFailed
-from compare.exact.image import LIT, exact_image
-from compare.scene import read_scene
-from report.inputs import ReportError
-from report.speed import speed
+from penumbra.compare.exact.image import LIT, exact_image
+from penumbra.compare.scene import read_scene
+from penumbra.report.inputs import ReportError
+from penumbra.report.speed import speed
 from tests.conftest import ROOT, built
 from tests.section import data_of, rendered_section
 

@@ -20,16 +20,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-import blender_ref
-from blender_ref import Cycles, CyclesError, CyclesRenderer, OptionsError
-from compare.exact.image import PENUMBRA, exact_image
-from compare.measure.agreement import agreement, exact_for, passes
-from compare.measure.image import Image, read_image
-from compare.run.renderers import Job
-from compare.scene import read_scene
+from penumbra import blender_ref
+from penumbra.blender_ref import Cycles, CyclesError, CyclesRenderer, OptionsError
+from penumbra.compare.exact.image import PENUMBRA, exact_image
+from penumbra.compare.measure.agreement import agreement, exact_for, passes
+from penumbra.compare.measure.image import Image, read_image
+from penumbra.compare.run.renderers import Job
+from penumbra.compare.scene import read_scene
 
 ROOT = Path(__file__).resolve().parent.parent
-SHIPPED = ROOT / "blender_ref" / "shipped"
+SHIPPED = ROOT / "penumbra" / "blender_ref" / "shipped"
 LIGHT_SCENES = ("tp3_disk", "tp3_sphere", "tp3_triangle", "tp3_sheared", "tp3_two_lights")
 SCENES = ("tp3", "tp3_statement", "tp3_point", *LIGHT_SCENES)
 HAS_WHEEL = sys.version_info[:2] in ((3, 11), (3, 13)) and not (
@@ -350,7 +350,9 @@ def test_killed_reference_leaves_no_half_file_and_the_next_run_completes_it(
     options: dict[str, Any] = {"samples": 8 * 64, "parts": 8, "width": 90, "height": 60}
     out, temporary = tmp_path / "killed" / "out.exr", tmp_path / "temporary"
     temporary.mkdir()
-    program = f"import blender_ref; blender_ref.reference({str(scenes / 'tp3.json')!r}, "
+    program = (
+        f"from penumbra import blender_ref; blender_ref.reference({str(scenes / 'tp3.json')!r}, "
+    )
     program += f"{str(out)!r}, **{options!r})"
     process = subprocess.Popen(
         [sys.executable, "-c", program], cwd=ROOT, env=os.environ | {"TMPDIR": str(temporary)}
@@ -447,7 +449,7 @@ def test_renderer_for_convergence_makes_the_images_of_its_jobs(
 
 
 def test_package_is_imported_without_bpy() -> None:
-    program = "import sys; sys.modules['bpy'] = None; import blender_ref"
+    program = "import sys; sys.modules['bpy'] = None; from penumbra import blender_ref"
     subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT, timeout=60)
 
 
@@ -456,7 +458,15 @@ def test_missing_bpy_is_said_with_exit_code_3(scenes: Path, tmp_path: Path) -> N
     (tmp_path / "bpy.py").write_text("raise ImportError('libX11.so.6: cannot open')\n")
     out = tmp_path / "out.exr"
     ran = subprocess.run(
-        [sys.executable, "-m", "blender_ref", str(scenes / "tp3.json"), "1", "0", str(out)],
+        [
+            sys.executable,
+            "-m",
+            "penumbra.blender_ref",
+            str(scenes / "tp3.json"),
+            "1",
+            "0",
+            str(out),
+        ],
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
         cwd=ROOT,
         capture_output=True,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compare.measure.bounds import geometry_range
-from compare.scene import DiskLight, Light, QuadLight, SphereLight, TriangleLight
+from penumbra.compare.measure.bounds import geometry_range
+from penumbra.compare.scene import DiskLight, Light, QuadLight, SphereLight, TriangleLight
 
 WHITE = (1.0, 1.0, 1.0)
 CORNER, U, V = (1.0, 3.0, 2.0), (-2.0, 0.3, 0.5), (1.0, 0.2, 2.0)

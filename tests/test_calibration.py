@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from compare.check.calibration import few, interval, judged, left_out, named, upper
-from compare.check.specimens import Specimen
-from compare.check.verdict import UNKNOWN, WRONG
+from penumbra.compare.check.calibration import few, interval, judged, left_out, named, upper
+from penumbra.compare.check.specimens import Specimen
+from penumbra.compare.check.verdict import UNKNOWN, WRONG
 
 Said = list[tuple[Specimen, dict[str, Any]]]
 

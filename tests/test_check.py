@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compare.check.catalogue import Variant
-from compare.check.mistaken import render
-from compare.run.provenance import ROOT
-from penumbra import main
+from penumbra.__main__ import main
+from penumbra.compare.check.catalogue import Variant
+from penumbra.compare.check.mistaken import render
+from penumbra.compare.run.provenance import ROOT
 
 TP3 = ROOT / "scenes" / "tp3.json"
 

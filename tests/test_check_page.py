@@ -17,19 +17,19 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Dialog, Page
 
-from compare.check.catalogue import Variant, catalogue
-from compare.check.checking import Checked, check
-from compare.check.diagnosis import FreeLight
-from compare.check.expected import mistaken_picture, right_picture, unexplained
-from compare.check.explanation import observations
-from compare.check.grid import Grid
-from compare.check.mistaken import render
-from compare.check.verdict import UNKNOWN
-from compare.check.view import lead_of
-from compare.check.words import WORDS
-from compare.exact.image import shade
-from compare.scene import read_scene
-from report.check_page import write_page
+from penumbra.compare.check.catalogue import Variant, catalogue
+from penumbra.compare.check.checking import Checked, check
+from penumbra.compare.check.diagnosis import FreeLight
+from penumbra.compare.check.expected import mistaken_picture, right_picture, unexplained
+from penumbra.compare.check.explanation import observations
+from penumbra.compare.check.grid import Grid
+from penumbra.compare.check.mistaken import render
+from penumbra.compare.check.verdict import UNKNOWN
+from penumbra.compare.check.view import lead_of
+from penumbra.compare.check.words import WORDS
+from penumbra.compare.exact.image import shade
+from penumbra.compare.scene import read_scene
+from penumbra.report.check_page import write_page
 from tests import section
 from tests.conftest import ROOT, built
 

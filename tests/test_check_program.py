@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compare.check import program
-from compare.check.catalogue import Variant
-from compare.check.mistaken import render
-from compare.check.program import Examined, check_program
-from compare.run.renderers import CommandRenderer, Job, MissingProgramError, RendererError
+from penumbra.compare.check import program
+from penumbra.compare.check.catalogue import Variant
+from penumbra.compare.check.mistaken import render
+from penumbra.compare.check.program import Examined, check_program
+from penumbra.compare.run.renderers import CommandRenderer, Job, MissingProgramError, RendererError
 
 TWO = "check_two_lights"
 TEMPLATE = f"{shlex.quote(sys.executable)} {{scene}} {{light_samples}} {{seed}} {{out}}"

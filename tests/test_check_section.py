@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from report.check import CALIBRATION, check
-from report.inputs import ReportError
+from penumbra.report.check import CALIBRATION, check
+from penumbra.report.inputs import ReportError
 from tests.section import data_of, rendered_section, section_page
 
 NAME = "<b>cos & sin"
@@ -53,7 +53,7 @@ def test_confusion_lists_the_most_frequent_first(build_dir: Path) -> None:
 def test_absent_unless_measured_or_shipped_and_refused_if_broken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("report.inputs.ROOT", tmp_path / "elsewhere")
+    monkeypatch.setattr("penumbra.report.inputs.ROOT", tmp_path / "elsewhere")
     assert rendered_section("check", tmp_path) is None
     shipped = tmp_path / "elsewhere" / "docs" / "calibration.json"
     shipped.parent.mkdir(parents=True)

@@ -19,10 +19,10 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from cli import arguments as cli_arguments
-from compare.exact.image import exact_image
-from compare.measure.image import Image, read_image, write_exr
-from compare.scene import dump_scene, read_scene
+from penumbra.cli import arguments as cli_arguments
+from penumbra.compare.exact.image import exact_image
+from penumbra.compare.measure.image import Image, read_image, write_exr
+from penumbra.compare.scene import dump_scene, read_scene
 from tests.conftest import default_signals
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -41,7 +41,7 @@ class Ran:
 
 def penumbra(*arguments: str | Path, **environment: str) -> Ran:
     """Run the command line in a process of its own, as a user does."""
-    command = [sys.executable, str(ROOT / "penumbra.py"), *map(str, arguments)]
+    command = [sys.executable, "-m", "penumbra", *map(str, arguments)]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=120, env=os.environ | environment
     )
@@ -237,7 +237,7 @@ def test_stopped_converge_says_where_its_results_are(
     script = tmp_path / "hang.sh"
     script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 1000\n")
     script.chmod(0o755)
-    command = [sys.executable, str(ROOT / "penumbra.py"), "converge", str(scene)]
+    command = [sys.executable, "-m", "penumbra", "converge", str(scene)]
     command += ["--renderer", f"{script} {{scene}} {{light_samples}} {{seed}} {{out}}"]
     process = subprocess.Popen(
         [*command, "-o", str(tmp_path / "x")],
@@ -265,7 +265,7 @@ def test_doctests_hold() -> None:
 
 
 def test_output_can_be_cut_short_by_a_pipe(scene: Path) -> None:
-    shell = f"'{sys.executable}' '{ROOT}/penumbra.py' scene '{scene}' | true"
+    shell = f"'{sys.executable}' -m penumbra scene '{scene}' | true"
     done = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, timeout=60)
     assert done.stderr == ""
 
@@ -273,8 +273,8 @@ def test_output_can_be_cut_short_by_a_pipe(scene: Path) -> None:
 def test_subcommands_load_only_what_they_need(scene: Path) -> None:
     """bpy is never loaded here; colour-science takes seconds, matplotlib is the report's."""
     code = (
-        f"import sys; sys.path.insert(0, {str(ROOT)!r}); import penumbra; "
-        f"penumbra.main(['scene', {str(scene)!r}]); "
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); from penumbra.__main__ import main; "
+        f"main(['scene', {str(scene)!r}]); "
         "slow = {'bpy', 'colour', 'matplotlib', 'scipy', 'flip_evaluator'}; "
         "print(sorted(slow & set(sys.modules)))"
     )

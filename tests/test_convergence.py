@@ -17,20 +17,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.exact.image import exact_image
-from compare.measure.image import Image, write_exr
-from compare.measure.slope import fit_slope, rmse_interval
-from compare.measure.statistics import binomial_interval
-from compare.run.journal import Journal, JournalError
-from compare.run.renderers import (
+from penumbra.compare.exact.image import exact_image
+from penumbra.compare.measure.image import Image, write_exr
+from penumbra.compare.measure.slope import fit_slope, rmse_interval
+from penumbra.compare.measure.statistics import binomial_interval
+from penumbra.compare.run.journal import Journal, JournalError
+from penumbra.compare.run.renderers import (
     CommandRenderer,
     MissingProgramError,
     RendererError,
     penumbra_renderer,
 )
-from compare.scene import read_scene
-from compare.studies.convergence import COLUMNS, ConvergenceError, ConvergenceStudy, Curve, converge
-from compare.studies.speedup import speedup
+from penumbra.compare.scene import read_scene
+from penumbra.compare.studies.convergence import (
+    COLUMNS,
+    ConvergenceError,
+    ConvergenceStudy,
+    Curve,
+    converge,
+)
+from penumbra.compare.studies.speedup import speedup
 
 ROOT = Path(__file__).resolve().parent.parent
 WIDTH, HEIGHT = 36, 24
@@ -478,7 +484,7 @@ def test_command_is_split_as_a_shell_does_but_not_run_by_one(tmp_path: Path) -> 
 
 
 def _job(scene_file: Path) -> Any:
-    from compare.run.renderers import Job
+    from penumbra.compare.run.renderers import Job
 
     return Job(scene_file, 3, 2, 1, 1, 1)
 
@@ -520,7 +526,7 @@ def test_killed_run_leaves_no_half_file_and_the_next_one_completes_it(
     renderer = fake("slow")
     options = ["--renderer", renderer.command, "--label", "fake", "--image-suffix", ".pfm"]
     options += ["--light-samples", "1,4,16,64", "--seeds", "3", "-o", str(tmp_path / "result")]
-    command = [sys.executable, str(ROOT / "penumbra.py"), "converge", str(scene), *options]
+    command = [sys.executable, "-m", "penumbra", "converge", str(scene), *options]
     journal = tmp_path / "result.journal"
     process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 60

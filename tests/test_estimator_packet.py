@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.exact.image import exact_image
-from compare.measure.image import Image
-from compare.scene import read_scene
+from penumbra.compare.exact.image import exact_image
+from penumbra.compare.measure.image import Image
+from penumbra.compare.scene import read_scene
 
 Render = Callable[..., Image]
 SAMPLERS = ("independent", "jittered", "sobol")

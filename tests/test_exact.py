@@ -13,10 +13,18 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from compare.exact.image import BACKGROUND, LIT, PENUMBRA, UMBRA, ExactImage, exact_image, regions
-from compare.exact.irradiance import LightView, light_view
-from compare.exact.receivers import Receivers, camera_hits
-from compare.scene import Camera, Plane, PointLight, QuadLight, Scene, Sphere, read_scene
+from penumbra.compare.exact.image import (
+    BACKGROUND,
+    LIT,
+    PENUMBRA,
+    UMBRA,
+    ExactImage,
+    exact_image,
+    regions,
+)
+from penumbra.compare.exact.irradiance import LightView, light_view
+from penumbra.compare.exact.receivers import Receivers, camera_hits
+from penumbra.compare.scene import Camera, Plane, PointLight, QuadLight, Scene, Sphere, read_scene
 from tests.slices import by_slices
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"

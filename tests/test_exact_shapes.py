@@ -13,10 +13,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from compare.exact.image import LIT, PENUMBRA, UMBRA, exact_image
-from compare.exact.irradiance import LightView, SurfaceLight, light_view
-from compare.exact.receivers import Receivers
-from compare.scene import (
+from penumbra.compare.exact.image import LIT, PENUMBRA, UMBRA, exact_image
+from penumbra.compare.exact.irradiance import LightView, SurfaceLight, light_view
+from penumbra.compare.exact.receivers import Receivers
+from penumbra.compare.scene import (
     Camera,
     DiskLight,
     Plane,

@@ -7,7 +7,7 @@ from pathlib import Path
 import cffi
 import numpy as np
 
-from compare.measure.image import read_image
+from penumbra.compare.measure.image import read_image
 from tests.conftest import built
 
 WIDTH = 3000

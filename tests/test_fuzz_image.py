@@ -18,7 +18,7 @@ import OpenEXR
 import PIL.Image
 import pytest
 
-from compare.measure.image import Image, ImageError, read_image, write_exr
+from penumbra.compare.measure.image import Image, ImageError, read_image, write_exr
 from tests.campaign import rounds
 from tests.conftest import ROOT
 from tests.test_image import deep_png, hdr
@@ -168,7 +168,7 @@ REFUSED = {
 COMPARE_EACH = """
 import sys, penumbra
 for file in sys.argv[2:]:
-    print(penumbra.main(["compare", file, "exact", "--scene", sys.argv[1]]))
+    print(main(["compare", file, "exact", "--scene", sys.argv[1]]))
 """
 
 

@@ -185,7 +185,7 @@ def test_a_hostile_megabyte_is_refused_in_a_gigabyte(content: str, tmp_path: Pat
     file = tmp_path / "scene.json"
     file.write_text(content)
     run = subprocess.run(
-        [sys.executable, str(ROOT / "penumbra.py"), "scene", str(file)],
+        [sys.executable, "-m", "penumbra", "scene", str(file)],
         capture_output=True,
         text=True,
         timeout=120,

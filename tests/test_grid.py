@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compare.check.grid import Grid, fit_grid
-from compare.check.picture import Picture, read_picture
-from compare.exact.image import shade
-from compare.scene import Scene, read_scene
+from penumbra.compare.check.grid import Grid, fit_grid
+from penumbra.compare.check.picture import Picture, read_picture
+from penumbra.compare.exact.image import shade
+from penumbra.compare.scene import Scene, read_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("tp3", "tp3_statement", "tp3_sheared", "tp3_two_lights", "three_spheres")

@@ -16,7 +16,7 @@ import OpenEXR
 import pytest
 from PIL import Image as PillowImage
 
-from compare.measure.image import Image, ImageError, read_image, write_display, write_exr
+from penumbra.compare.measure.image import Image, ImageError, read_image, write_display, write_exr
 
 WIDTH, HEIGHT = 9, 5
 

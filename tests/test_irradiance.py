@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.exact.image import BACKGROUND, exact_image
-from compare.exact.irradiance import light_view
-from compare.exact.receivers import Receivers
-from compare.scene import Plane, PointLight, QuadLight, Scene, Sphere, read_scene
+from penumbra.compare.exact.image import BACKGROUND, exact_image
+from penumbra.compare.exact.irradiance import light_view
+from penumbra.compare.exact.receivers import Receivers
+from penumbra.compare.scene import Plane, PointLight, QuadLight, Scene, Sphere, read_scene
 from tests.core import ffi, library
 from tests.test_estimator_packet import random_scene
 

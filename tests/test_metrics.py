@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from compare.measure import metrics
-from compare.measure.metrics import (
+from penumbra.compare.measure import metrics
+from penumbra.compare.measure.metrics import (
     MAPS,
     NUMBERS,
     MetricError,

@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.check import mistaken, quadrature
-from compare.check.catalogue import MODULES, RIGHT, Variant, catalogue
-from compare.check.grid import Grid
-from compare.check.mistaken import choice_id, render
-from compare.check.moments import Moments
-from compare.check.prediction import Surroundings, _sample, predict, surface_lights
-from compare.check.quadrature import Sites
-from compare.check.view import _sites_at, _slope
-from compare.exact.receivers import camera_hits
-from compare.scene import read_scene
+from penumbra.compare.check import mistaken, quadrature
+from penumbra.compare.check.catalogue import MODULES, RIGHT, Variant, catalogue
+from penumbra.compare.check.grid import Grid
+from penumbra.compare.check.mistaken import choice_id, render
+from penumbra.compare.check.moments import Moments
+from penumbra.compare.check.prediction import Surroundings, _sample, predict, surface_lights
+from penumbra.compare.check.quadrature import Sites
+from penumbra.compare.check.view import _sites_at, _slope
+from penumbra.compare.exact.receivers import camera_hits
+from penumbra.compare.scene import read_scene
 from tests.conftest import ROOT, built
 
 WIDTH, HEIGHT = 27, 18
@@ -242,7 +242,7 @@ ADDED = """
 import sys
 from pathlib import Path
 import ctypes
-from compare.check import catalogue, mistaken
+from penumbra.compare.check import catalogue, mistaken
 folder = Path(sys.argv[1])
 catalogue.FILE, mistaken.LIBRARY = folder / "catalogue.def", folder / "libmistakes.so"
 from tests import test_mistakes as test

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.measure.image import Image, ImageError, read_image, write_display, write_exr
-from compare.run.journal import Journal, JournalError
-from compare.run.output import named, write_json, write_whole
+from penumbra.compare.measure.image import Image, ImageError, read_image, write_display, write_exr
+from penumbra.compare.run.journal import Journal, JournalError
+from penumbra.compare.run.output import named, write_json, write_whole
 from tests.conftest import ROOT
 
 RENDER = [str(ROOT / "build" / "bin" / "penumbra-render")]
@@ -124,7 +124,7 @@ def test_a_named_pipe_gets_the_whole_file(writer: Writer, folder: Path) -> None:
 
 PRINT_AND_WRITE = """
 from pathlib import Path
-from compare.run.output import write_json
+from penumbra.compare.run.output import write_json
 print("printed")
 write_json(Path("/dev/stdout"), {"rows": []})
 print("printed later")
@@ -229,7 +229,7 @@ def test_a_name_that_says_nothing_else_is_taken(name: str, folder: Path) -> None
 def test_every_subcommand_refuses_a_name_of_another_format(
     command: str, message: str, folder: Path
 ) -> None:
-    run = [sys.executable, str(ROOT / "penumbra.py"), *command.split()]
+    run = [sys.executable, "-m", "penumbra", *command.split()]
     done = subprocess.run(run, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert re.search(rf"argument \S*--\w+: {re.escape(message)}", done.stderr), done.stderr
@@ -273,7 +273,7 @@ def test_what_writes_files_beside_its_output_refuses_a_device(command: str) -> N
     """As root `/dev/null.json` would appear."""
     scene = [] if command in ("stability", "self-shadow") else [str(ROOT / "scenes" / "tp3.json")]
     ran = subprocess.run(
-        [sys.executable, str(ROOT / "penumbra.py"), command, *scene, "-o", "/dev/null"],
+        [sys.executable, "-m", "penumbra", command, *scene, "-o", "/dev/null"],
         capture_output=True,
         text=True,
         timeout=60,

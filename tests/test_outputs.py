@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare.measure.image import Image, read_image, write_exr
+from penumbra.compare.measure.image import Image, read_image, write_exr
 from tests.campaign import rounds
 from tests.conftest import ROOT, default_signals
 
-PENUMBRA = [sys.executable, str(ROOT / "penumbra.py")]
+PENUMBRA = [sys.executable, "-m", "penumbra"]
 RENDER = [str(ROOT / "build" / "bin" / "penumbra-render")]
 SCENE = str(ROOT / "scenes" / "tp3.json")
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
@@ -274,7 +274,7 @@ def stop(command: str, outputs: str, folder: Path, sent: signal.Signals, delay: 
 def test_a_stopped_program_says_so_and_leaves_only_whole_files(name: str, folder: Path) -> None:
     """At random moments of its first second."""
     command, outputs = STOPPABLE[name]
-    shutil.copy(ROOT / "blender_ref" / "shipped" / "tp3.exr", folder / "reference.exr")
+    shutil.copy(ROOT / "penumbra" / "blender_ref" / "shipped" / "tp3.exr", folder / "reference.exr")
     for number in rounds(share=1 / 6 / len(STOPPABLE)):
         draw = random.Random(f"{name} {number}")
         sent = SIGNALS[number % 2] if number else draw.choice(SIGNALS)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compare.check.picture import counts_in_name, read_picture
-from compare.measure.image import Image as Linear
-from compare.measure.image import ImageError, write_exr
-from compare.scene import read_scene
+from penumbra.compare.check.picture import counts_in_name, read_picture
+from penumbra.compare.measure.image import Image as Linear
+from penumbra.compare.measure.image import ImageError, write_exr
+from penumbra.compare.scene import read_scene
 
 TP3 = read_scene(Path(__file__).resolve().parent.parent / "scenes" / "tp3.json")
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.measure.image import Image
+from penumbra.compare.measure.image import Image
 from tests.conftest import built
 from tests.core import Core, core
 from tests.test_estimator_packet import random_scene

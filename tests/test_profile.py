@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare.studies.profile import ProfileError, profile
+from penumbra.compare.studies.profile import ProfileError, profile
 
 
 def test_profile_under_the_labs_light(scenes: Path, tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from compare.measure.image import CHANNELS, Image, read_image
-from compare.run.library import Setting, WarmRenderer
-from compare.scene import read_scene
+from penumbra.compare.measure.image import CHANNELS, Image, read_image
+from penumbra.compare.run.library import Setting, WarmRenderer
+from penumbra.compare.scene import read_scene
 
 Render = Callable[..., Image]
 

@@ -21,14 +21,14 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-import penumbra
-from compare.exact.image import exact_image
-from compare.measure.image import Image, read_image, write_exr
-from compare.scene import read_scene
-from report import figures
-from report.build import TEMPLATES, build
-from report.inputs import IMAGES, LIGHT_SAMPLES, SCENES, ReportError, image_file
-from report.sections import SECTIONS, inputs_of
+from penumbra.__main__ import main
+from penumbra.compare.exact.image import exact_image
+from penumbra.compare.measure.image import Image, read_image, write_exr
+from penumbra.compare.scene import read_scene
+from penumbra.report import figures
+from penumbra.report.build import TEMPLATES, build
+from penumbra.report.inputs import IMAGES, LIGHT_SAMPLES, SCENES, ReportError, image_file
+from penumbra.report.sections import SECTIONS, inputs_of
 from tests import section
 
 INPUTS = inputs_of([s for s in SECTIONS if not s.optional])
@@ -73,7 +73,10 @@ def inputs(renderer: Path, small_scenes: Path, tmp_path_factory: pytest.TempPath
             command = command.replace(" --perceptual", "")  # slow; one shows it
         program, *arguments = shlex.split(command)
         if program == "penumbra":
-            assert penumbra.main([*arguments, *_cheaper(arguments[0], arguments)]) in (0, 1)
+            assert main([*arguments, *_cheaper(arguments[0], arguments)]) in (
+                0,
+                1,
+            )
         else:
             subprocess.run([program, *arguments], check=True, timeout=60)
     return folder
@@ -591,7 +594,7 @@ def test_image_of_another_scene_is_refused(
 def test_command_line_reports_a_missing_input_with_exit_code_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert penumbra.main(["report", "--build", str(tmp_path)]) == 2
+    assert main(["report", "--build", str(tmp_path)]) == 2
     assert IMAGES[0].command in capsys.readouterr().err
 
 

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from compare.scene import SceneError, dump_scene, read_scene
+from penumbra.compare.scene import SceneError, dump_scene, read_scene
 
 BASE: dict[str, Any] = {
     "name": "base",

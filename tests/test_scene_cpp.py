@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import compare.cpp
-from compare.cpp import COLORS, cpp_scene
-from compare.scene import (
+import penumbra.compare.cpp
+from penumbra.__main__ import main
+from penumbra.compare.cpp import COLORS, cpp_scene
+from penumbra.compare.scene import (
     DiskLight,
     Light,
     PointLight,
@@ -22,7 +23,6 @@ from compare.scene import (
     SphereLight,
     read_scene,
 )
-from penumbra import main
 from tests.conftest import ROOT
 
 SCENES = sorted(f for f in (ROOT / "scenes").glob("*.json") if "schema" not in f.name)
@@ -162,5 +162,5 @@ def test_the_command_prints_them(scenes: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_doctests_hold() -> None:
-    tried = doctest.testmod(compare.cpp)
+    tried = doctest.testmod(penumbra.compare.cpp)
     assert tried.attempted and not tried.failed

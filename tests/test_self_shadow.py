@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import penumbra
-from cli.exit import PASS
-from compare.exact.image import UMBRA, exact_image
-from compare.measure.image import Image
-from compare.run.renderers import MissingProgramError
-from compare.scene import read_scene
-from compare.studies import self_shadow
-from compare.studies.self_shadow import (
+from penumbra.__main__ import main
+from penumbra.cli.exit import PASS
+from penumbra.compare.exact.image import UMBRA, exact_image
+from penumbra.compare.measure.image import Image
+from penumbra.compare.run.renderers import MissingProgramError
+from penumbra.compare.scene import read_scene
+from penumbra.compare.studies import self_shadow
+from penumbra.compare.studies.self_shadow import (
     JUDGED,
     NOT_SENT,
     OTHER,
@@ -41,11 +41,11 @@ from compare.studies.self_shadow import (
     verdict,
     write_map,
 )
-from report import self_shadow as report
-from report import words
-from report.figures import rate_colours
-from report.inputs import ReportError
-from report.words import digits
+from penumbra.report import self_shadow as report
+from penumbra.report import words
+from penumbra.report.figures import rate_colours
+from penumbra.report.inputs import ReportError
+from penumbra.report.words import digits
 from tests import core
 from tests.section import data_of, rendered_section
 
@@ -423,7 +423,7 @@ def test_command_writes_a_tidy_table_and_its_verdict(
     """One row for each scene, place, precision and strategy, counts that add up, and the same
     numbers when it is run again."""
     out = tmp_path / "deep" / "map"
-    assert penumbra.main(["self-shadow", "-o", str(out), "--rays", "16"]) == PASS
+    assert main(["self-shadow", "-o", str(out), "--rays", "16"]) == PASS
     assert "skip" in capsys.readouterr().out
     rows = list(csv.DictReader(out.with_suffix(".csv").open()))
     assert list(rows[0]) == list(self_shadow.COLUMNS)

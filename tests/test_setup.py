@@ -14,8 +14,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from report.sections import SECTIONS, inputs_of
-from report.speed import BENCH
+from penumbra.report.sections import SECTIONS, inputs_of
+from penumbra.report.speed import BENCH
 from tests.conftest import ROOT
 
 COMMON_TOOLS = (

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare.exact.image import exact_image, regions
-from compare.measure.slope import Slope, fit_slope
-from compare.run.library import Setting, WarmRenderer
-from compare.scene import read_scene
+from penumbra.compare.exact.image import exact_image, regions
+from penumbra.compare.measure.slope import Slope, fit_slope
+from penumbra.compare.run.library import Setting, WarmRenderer
+from penumbra.compare.scene import read_scene
 
 WIDTH, HEIGHT, SEEDS = 75, 50, 4
 LIT = {

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.run.library import PRECISIONS
+from penumbra.compare.run.library import PRECISIONS
 from tests.core import core, ffi, library
 from tests.test_estimator_packet import random_scene
 from tests.test_light_sample import draw, f32, quad_light, vec3, xyz

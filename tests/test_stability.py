@@ -14,13 +14,13 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from compare.exact.image import exact_image
-from compare.measure.image import Image
-from compare.run.library import PRECISIONS, Setting, WarmRenderer, names
-from compare.run.renderers import RendererError
-from compare.scene import SceneError, read_scene
-from compare.studies import yardstick
-from compare.studies.extremes import (
+from penumbra.compare.exact.image import exact_image
+from penumbra.compare.measure.image import Image
+from penumbra.compare.run.library import PRECISIONS, Setting, WarmRenderer, names
+from penumbra.compare.run.renderers import RendererError
+from penumbra.compare.scene import SceneError, read_scene
+from penumbra.compare.studies import yardstick
+from penumbra.compare.studies.extremes import (
     SWEEPS,
     Sweep,
     light_of_side,
@@ -29,7 +29,7 @@ from compare.studies.extremes import (
     scaled,
     translated,
 )
-from compare.studies.stability import (
+from penumbra.compare.studies.stability import (
     LIGHT_SAMPLES,
     SEED,
     SUMS,

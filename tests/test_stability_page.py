@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page
 
-from compare.studies.stability import study
-from report.inputs import ReportError
-from report.stability import CAUSES
-from report.words import digits, power, signed_power
+from penumbra.compare.studies.stability import study
+from penumbra.report.inputs import ReportError
+from penumbra.report.stability import CAUSES
+from penumbra.report.words import digits, power, signed_power
 from tests.section import rendered_section, section_page
 
 HOSTILE = "<script>alert('no')</script>&\"'"

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from compare.measure import statistics
-from compare.measure.image import Image
-from compare.measure.statistics import (
+from penumbra.compare.measure import statistics
+from penumbra.compare.measure.image import Image
+from penumbra.compare.measure.statistics import (
     BiasTest,
     Estimate,
     StatisticsError,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.studies.yardstick import Real, dot, norm, uniforms
+from penumbra.compare.studies.yardstick import Real, dot, norm, uniforms
 from tests.conftest import STRESS
 from tests.core import Core, core
 

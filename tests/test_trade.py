@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-import penumbra
-from cli.exit import USAGE
-from compare.measure.image import Image, read_image
-from compare.run.library import Setting, WarmRenderer
-from compare.studies import choice
-from compare.studies.choice import answer, cheapest, frontier, need, trial, verdict_text
-from compare.studies.trade import TradeStudy, median_interval, trade
-from report.inputs import ReportError
+from penumbra.__main__ import _parser, main
+from penumbra.cli.exit import USAGE
+from penumbra.compare.measure.image import Image, read_image
+from penumbra.compare.run.library import Setting, WarmRenderer
+from penumbra.compare.studies import choice
+from penumbra.compare.studies.choice import answer, cheapest, frontier, need, trial, verdict_text
+from penumbra.compare.studies.trade import TradeStudy, median_interval, trade
+from penumbra.report.inputs import ReportError
 from tests.section import rendered_section, section_page
 
 WIDTH, HEIGHT = 60, 40
@@ -378,7 +378,7 @@ def test_the_command_prints_its_answers(
 ) -> None:
     command = ["trade", str(scenes / "tp3.json"), "-o", str(tmp_path / "tp3"), "--seeds", "2"]
     command += ["--width", "24", "--height", "16", "--light-samples", "1,16", "--threads", "1"]
-    assert penumbra.main([*command, "--targets", "50", "--max-seconds", "5"]) == 0
+    assert main([*command, "--targets", "50", "--max-seconds", "5"]) == 0
     printed = capsys.readouterr().out
     assert "For 50% over all objects use --sampler" in printed
     assert sorted(f.name for f in tmp_path.iterdir()) == ["tp3.csv", "tp3.json"]
@@ -396,7 +396,7 @@ def test_what_cannot_be_measured_is_said_at_once(
     options: list[str], said: str, scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["trade", str(scenes / "tp3.json"), "-o", str(tmp_path / "tp3"), *options]
-    assert penumbra.main(command) == USAGE
+    assert main(command) == USAGE
     assert said in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -587,7 +587,7 @@ def test_a_trade_of_another_scene_is_refused(build_dir: Path, tmp_path: Path) ->
 
 def test_the_commands_defaults_are_the_studys() -> None:
     """They stand in its help too, where nothing is imported that is slow."""
-    options = penumbra._parser().parse_args(["trade", "scene.json", "--cycles"])
+    options = _parser().parse_args(["trade", "scene.json", "--cycles"])
     for name in ("light_samples", "seeds", "targets", "max_seconds", "threads"):
         assert getattr(options, name) == getattr(TradeStudy, name), name
     assert options.cycles == TradeStudy.cycles_light_samples

@@ -1,0 +1,1 @@
+"""Soft shadows, rendered, referenced, compared and explained: a course toolkit."""

@@ -1,0 +1,60 @@
+"""Says whether an image agrees with a reference."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+from penumbra.cli.arguments import IMAGE_FILES, Subcommands, add_subcommand
+from penumbra.compare.run.output import named
+
+
+def add(subcommands: Subcommands) -> None:
+    parser = add_subcommand(
+        subcommands,
+        "compare",
+        run,
+        "Say whether an image agrees with a reference, region by region. Prints error metrics\n"
+        "and, for each region, the bias, its 99% interval, the smallest bias that the test could\n"
+        "have found, and a verdict. The exit status is 0 only if every region agrees.",
+        "penumbra compare mine.exr exact --scene scenes/tp3.json",
+    )
+    parser.add_argument("image", type=Path, metavar="IMAGE", help=IMAGE_FILES)
+    parser.add_argument(
+        "reference", metavar="REFERENCE", help="an image, or `exact` for the exact solution"
+    )
+    parser.add_argument("--scene", type=Path, required=True, help="scene file of both")
+    parser.add_argument(
+        "--json", type=named(".json"), metavar="OUT", help="write the result as JSON too"
+    )
+    parser.add_argument(
+        "--perceptual", action="store_true", help="HDR-FLIP and Delta E 2000 too (slow)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    from penumbra.compare.measure.agreement import compare_files, format_metrics, format_rows
+    from penumbra.compare.run.output import write_json
+    from penumbra.compare.run.provenance import origin
+
+    result = compare_files(
+        options.image, options.reference, options.scene, perceptual=options.perceptual
+    )
+    for note in result.notes:
+        print(f"penumbra: {note}", file=sys.stderr)
+    print(format_metrics(result.metrics), end="\n\n")
+    print(format_rows(result.rows))
+    if options.json:
+        content = {
+            "rows": result.rows,
+            "metrics": {
+                region: {k: v if math.isfinite(v) else None for k, v in values.items()}
+                for region, values in result.metrics.items()
+            },
+            "notes": result.notes,
+            **origin(),
+        }
+        write_json(options.json, content)
+    return result.exit_status

@@ -1,0 +1,159 @@
+"""A verdict in words: for a terminal, and the sentences of its page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from penumbra.compare.check.catalogue import Mistake, catalogue
+from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, Verdict
+from penumbra.compare.check.words import WORDS
+
+NO_EFFECT = "n_no_effect"
+"""The commonest mistake, which only noise shows"""
+
+
+def explained(name: str) -> Mistake:
+    return catalogue().mistakes[name]
+
+
+def title(name: str) -> str:
+    """What a mistake is called to a student."""
+    return explained(name).title if name != UNKNOWN else UNKNOWN
+
+
+def titles(names: Sequence[str]) -> str:
+    return " + ".join(title(name) for name in names) or "no mistake"
+
+
+def observations(found: Verdict) -> list[str]:
+    """What the picture shows, in the student's terms: the parts that are off, the worst first."""
+    said: list[tuple[float, str]] = []
+    for region in found.regions:
+        if region.kind == "shadow":
+            if region.ratio > 1.5 / 255:
+                text = WORDS["region_not_black"].format(
+                    region=region.name, value=255 * region.ratio
+                )
+                said.append((region.ratio * 10, text))
+            continue
+        off = abs(region.ratio - 1)
+        if off > max(4 * region.standard_error, 0.006):
+            key = "region_bright" if region.ratio > 1 else "region_dark"
+            text = WORDS[key].format(region=region.name, ratio=region.ratio)
+            if abs(region.trend) > 0.1 and off > 0.03:
+                grows = (region.trend > 0) == (region.ratio > 1)
+                text += WORDS["farther_more" if grows else "farther_less"]
+            said.append((off, text))
+    if found.beside > 0.05:
+        said.append((2.0, WORDS["free_light"].format(outside=found.beside)))
+    n, effective = found.nb_light_samples, found.effective_samples
+    if effective < 0.7 * n and n > 1:
+        said.append((1.0, WORDS["noise_of"].format(n=n, effective=max(effective, 1))))
+    return [text for _, text in sorted(said, key=lambda s: -s[0])[:4]]
+
+
+def confidence(found: Verdict) -> str:
+    share = found.confidence
+    shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
+    return WORDS["confidence"].format(confidence=shown)
+
+
+def rounded_odds(odds: float) -> str:
+    """
+    >>> rounded_odds(12.3), rounded_odds(2e7)
+    ('12', '10^7')
+    """
+    return f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
+
+
+def text(found: Verdict, hint: int = 3) -> str:
+    """The verdict for a terminal. hint: 0 verdict, 1 where to look, 2 the handout's step and the
+    mistake's name, 3 the formula and the evidence."""
+    lines = [headline(found)]
+    if found.verdict != CANNOT_TELL:
+        lines[0] += f" ({confidence(found)})"
+    if hint == 0:
+        return "\n".join(lines) + "\n"
+    seen = observations(found)
+    if found.verdict == WRONG:
+        if hint == 1:
+            what = "hint_noise" if noise_only(found) else "hint_mean"
+            lines += ["", WORDS["hint"].format(where=WORDS[what])]
+            lines += [f"  {step}" for step in dict.fromkeys(
+                explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
+        else:
+            lines += _explanation(found, hint, seen)
+    elif seen and found.verdict == CANNOT_TELL and "geometry" not in dict(found.facts):
+        lines += ["", WORDS["observed"], *(f"  {line}" for line in seen)]
+    if found.facts:
+        lines += ["", WORDS["picture"], *(f"  {said}" for _, said in found.facts)]
+    if found.verdict == RIGHT_:
+        lines += ["", detection(found)]
+        if found.hidden and hint >= 2:
+            lines.append(WORDS["hidden"].format(mistakes="; ".join(title(n) for n in found.hidden)))
+    if found.settle and found.verdict != WRONG:
+        key = "more" if found.verdict == RIGHT_ else "settle"
+        lines += ["", WORDS[key].format(what="; or ".join(found.settle))]
+    return "\n".join(lines) + "\n"
+
+
+def headline(found: Verdict) -> str:
+    """The verdict in a sentence"""
+    mute = found.verdict == RIGHT_ and NO_EFFECT in found.hidden
+    return WORDS["right in brightness" if mute else found.verdict]
+
+
+def noise_only(found: Verdict) -> bool:
+    return all(abs(r.ratio - 1) < 0.01 for r in found.regions if r.kind == "lit")
+
+
+def detection(found: Verdict) -> str:
+    brightness = f"{100 * found.detectable_brightness:.2g}%"
+    if found.nb_light_samples == 1 or found.detectable_samples < 1:
+        return WORDS["detectable_mean"].format(brightness=brightness)
+    return WORDS["detectable"].format(
+        brightness=brightness,
+        samples=math.ceil(found.detectable_samples),
+        n=found.nb_light_samples,
+    )
+
+
+def unknown(found: Verdict) -> str:
+    """What is said of what the catalogue does not hold."""
+    where = "unknown" if found.loose >= 0.005 else "unknown_places"
+    return WORDS[where].format(loose=found.loose)
+
+
+def _explanation(found: Verdict, hint: int, seen: list[str]) -> list[str]:
+    lines = ["", WORDS["observed"], *(f"  {line}" for line in seen)] if seen else []
+    lines += ["", WORDS["several" if found.several else "cause"]]
+    for name in found.mistakes:
+        if name == UNKNOWN:
+            lines.append("  " + unknown(found))
+            if found.perhaps and not found.several:
+                lines.append("  " + WORDS["nearest"].format(title=titles(found.perhaps)))
+            continue
+        mistake = explained(name)
+        lines += [f"  {mistake.title}", f"    {mistake.cause}"]
+        if hint >= 3:
+            lines += [
+                f"    {WORDS['yours']} {mistake.wrong}",
+                f"    {WORDS['ours']} {mistake.right}",
+            ]
+        lines.append(f"    {WORDS['reread'].format(step=mistake.step)}")
+        if hint >= 3:
+            lines.append(f"    {WORDS['look'].format(look=mistake.look)}")
+    if found.perhaps and UNKNOWN not in found.mistakes:
+        lines += ["", f"{WORDS['perhaps']} {titles(found.perhaps)}"]
+    if hint >= 3:
+        if found.alike:
+            lines += ["", WORDS["alike"].format(titles="; ".join(titles(a) for a in found.alike))]
+        if found.runners_up and UNKNOWN not in found.mistakes:
+            lines += ["", WORDS["runners"]]
+            lines += [
+                "  " + WORDS["odds"].format(odds=rounded_odds(odds), titles=titles(names))
+                for names, odds in found.runners_up
+            ]
+        lines += ["", WORDS["command"].format(command=found.command)]
+    return lines

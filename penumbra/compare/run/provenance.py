@@ -1,0 +1,63 @@
+"""Where a result comes from: version, machine, command."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shlex
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[3]
+VERSION: str = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+
+
+def machine() -> dict[str, str | int]:
+    """Processor, number of cores that this process may use, and system."""
+    return {"processor": _processor(), "cores": cores(), "system": platform.platform(terse=True)}
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def versions() -> dict[str, str]:
+    """Versions of Penumbra, Python and the libraries that numbers pass through."""
+    from importlib import metadata  # slow to load, and `--help` does without
+
+    libraries = {name: metadata.version(name) for name in ("numpy", "scipy", "OpenEXR")}
+    return {"penumbra": VERSION, "python": platform.python_version(), **libraries}
+
+
+def command_line() -> str:
+    """The command that is running, to be typed again."""
+    name = Path(sys.argv[0]).name
+    return shlex.join(["penumbra" if name == "__main__.py" else name, *sys.argv[1:]])
+
+
+def origin() -> dict[str, Any]:
+    """Where a result comes from: command, machine and versions."""
+    return {"command": command_line(), "machine": machine(), "versions": versions()}
+
+
+def file_hash(*files: Path) -> str:
+    """SHA-256 of the contents of files, in the order given. Raises OSError."""
+    whole = hashlib.sha256()
+    for file in files:
+        whole.update(hashlib.sha256(file.read_bytes()).digest())
+    return whole.hexdigest()
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in text.splitlines() if "model name" in line]
+    return names[0] if names else platform.machine()
