@@ -272,8 +272,8 @@ def _misfit(view: View, variant: Variant) -> float:
 def _strange(lead: View, grids: Sequence[tuple[Grid, int]]) -> bool:
     """Whether the picture's outline is not the scene's."""
     background = lead.picture.background
-    edge = np.count_nonzero(background[1:] != background[:-1])
-    edge += np.count_nonzero(background[:, 1:] != background[:, :-1])
+    edge = int(np.count_nonzero(background[1:] != background[:-1]))
+    edge += int(np.count_nonzero(background[:, 1:] != background[:, :-1]))
     miss = min(miss for _, miss in grids)
     return miss > STRANGE * max(edge, 1) + 20
 
