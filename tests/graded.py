@@ -41,7 +41,7 @@ def submission(name: str, states: str = "sssscc", **changes: Any) -> dict[str, A
         "verdict": "wrong" if wrong else "right",
         "confidence": 0.99,
         "headline": "WRONG" if wrong else "RIGHT",
-        "text": "WRONG\n\n  No cosine at the light\n" if wrong else "RIGHT\n",
+        "text": "WRONG (confidence 99%)\n\n  No cosine at the light\n" if wrong else "RIGHT\n",
         "mistakes": ["no_light_cosine"] if wrong else [],
         "titles": ["No cosine at the light"] if wrong else [],
         "perhaps": [],

@@ -36,9 +36,7 @@ class Claim:
 @dataclass(frozen=True)
 class Submission:
     id: str
-    """its folder's name: the student's own words"""
-    problem: str
-    """why nothing could be judged, or empty"""
+    """its folder's name, escaped by `penumbra grade`: the student's own words"""
     verdict: str
     headline: str
     text: str
@@ -52,9 +50,10 @@ class Submission:
     """titles of the claims that cannot be told: full points, and somebody's look"""
 
     @property
-    def explanation(self) -> str:
-        """What the student reads beside the claims."""
-        return self.problem or self.text or self.headline
+    def details(self) -> str:
+        """What the text says beyond the headline."""
+        first, _, rest = self.text.partition("\n")
+        return (rest if first.startswith(self.headline) else self.text).strip("\n")
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,6 @@ def scaled(points: int, of: int, out_of: Fraction | None) -> str:
 def _submission(data: Any, where: str) -> Submission:
     if not isinstance(data, dict):
         raise GradesError(f"{where.rstrip('.')}: not an object")
-    problem = data.get("problem")
     claims = tuple(
         _claim(one, f"{where}claims[{i}].")
         for i, one in enumerate(_get(data, "claims", list, where))
@@ -139,7 +137,6 @@ def _submission(data: Any, where: str) -> Submission:
         raise GradesError(f"{where}points: {points} of {of} is not the sum of its claims")
     return Submission(
         _get(data, "id", str, where),
-        _get(problem, "text", str, f"{where}problem.") if problem else "",
         _get(data, "verdict", str, where),
         _get(data, "headline", str, where),
         _get(data, "text", str, where),

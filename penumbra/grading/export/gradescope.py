@@ -22,7 +22,7 @@ def results(grades: Grades, submission: Submission, visibility: str = "visible")
     """
     whole = {
         "score": submission.points,
-        "output": "\n".join(lines(f"{submission.headline}\n\n{submission.explanation}")),
+        "output": "\n".join(lines(f"{submission.headline}\n\n{submission.details}")),
         "output_format": "text",
         "test_output_format": "text",
         "test_name_format": "text",

@@ -51,7 +51,7 @@ def _suite(root: ElementTree.Element, grades: Grades, submission: Submission) ->
         case = ElementTree.SubElement(suite, "testcase", classname=name, name=title)
         _outcome(case, claim)
     out = ElementTree.SubElement(suite, "system-out")
-    out.text = "\n".join(lines(f"{submission.headline}\n\n{submission.explanation}"))
+    out.text = "\n".join(lines(f"{submission.headline}\n\n{submission.details}"))
 
 
 def _outcome(case: ElementTree.Element, claim: Claim) -> None:

@@ -137,10 +137,10 @@ def feedback(submission: Submission) -> str:
         f"<li>{_escaped(claim.title)}: {claim.points}/{claim.of}. {_escaped(claim.why)}</li>"
         for claim in submission.claims
     )
-    said = "<br>".join(_escaped(line) for line in lines(submission.explanation))
+    said = "<br>".join(_escaped(line) for line in lines(submission.details))
     return (
         f"<p><strong>{submission.points}/{submission.of}.</strong> "
-        f"{_escaped(submission.headline)}</p><ul>{items}</ul><p>{said}</p>"
+        f"{_escaped(submission.headline)}</p><ul>{items}</ul>" + (f"<p>{said}</p>" if said else "")
     )
 
 
