@@ -13,7 +13,7 @@ import math
 import shlex
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -68,10 +68,11 @@ def assert_right(
 ) -> None:
     """Pictures of one scene by one renderer show its direct light right, as `penumbra check` says.
 
-    images: files (.png, .jpg, .bmp, .ppm, .exr, .pfm, .hdr, .npy) or arrays (H, W, 3) of radiance
-    [W m^-2 sr^-1], row 0 on top. scene: a file, or the name of one of Penumbra's. light_samples,
-    pixel_samples: of all of them; None: as the files' names say (n016_aa01.png). hint: how much
-    the text gives away, from 0, the verdict, to 3, all: for tests that students run too.
+    images: files (.png, .jpg, .bmp, .exr, .pfm, .hdr, and here also .ppm and .npy) or arrays
+    (H, W, 3) of radiance [W m^-2 sr^-1], row 0 on top. scene: a file, or the name of one of
+    Penumbra's. light_samples, pixel_samples: of all of them; None: as the files' names say
+    (n016_aa01.png). hint: how much the text gives away, from 0, the verdict, to 3, all: for tests
+    that students run too.
 
     Raises Refuted, CannotTell; CheckError, ImageError, SceneError, ValueError for what cannot be
     checked.
@@ -140,9 +141,7 @@ def assert_agrees(
     if contradicted:
         sentence = _difference(row)
     else:
-        is_coarse = any(
-            kept.read(one).is_eight_bit for one in (file, other) if isinstance(one, Path)
-        )
+        is_coarse = any(_read(one).is_eight_bit for one in (file, other) if isinstance(one, Path))
         sentence = _doubt(row, is_coarse)
     command = ["penumbra", "compare", str(file), str(other), "--scene", str(scene_file)]
     command += [] if delta is None else ["--delta", f"{delta:g}"]
@@ -181,10 +180,9 @@ def assert_noise_falls(
     from penumbra.compare.measure.slope import fit_slope
 
     kept = _Kept()
-    series = _series(render, light_samples, seeds)
-    counts = sorted(series)
-    images = [[kept.read(one) for one in series[n]] for n in counts]
-    squares, rounding = noise_of_pairs(images)
+    images, last = _rendered(render, light_samples, seeds)
+    counts = sorted(images)
+    squares, rounding = noise_of_pairs([images[n] for n in counts])
     fit = fit_slope(np.array(counts), squares, floor=STEPS * rounding)
     limit = slope + tolerance
     if fit is not None and fit.high is not None and fit.high <= limit:
@@ -198,13 +196,13 @@ def assert_noise_falls(
             f"N^{slope:g} with the number N of light samples: it falls as N^{fit.slope:.2f} "
             f"(95%: {fit.low:.2f} to {fit.high:.2f}, and {limit:g} would do)"
         )
-        sentence += "" if refuted else f": {_narrower(fit, limit, len(images[0]))}"
+        sentence += "" if refuted else f": {_narrower(fit, limit, len(images[counts[0]]))}"
     table = "".join(
         f"\n  N = {n:<6d} noise {mean**0.5:.3g}"
         for n, mean in zip(counts, squares.mean(axis=1), strict=True)
     )
     most = counts[-1]
-    file = kept.readable(series[most][0], f"n{most:03d}.npy")
+    file = kept.readable(last, f"n{most:03d}.npy")
 
     def write_page(page: Path) -> None:
         from penumbra.compare.check.checking import check
@@ -220,23 +218,34 @@ def assert_noise_falls(
     )
 
 
-def _series(
+def _rendered(
     render: Callable[[int, int], Picture] | Mapping[int, Sequence[Picture]],
     light_samples: Sequence[int],
     seeds: int,
-) -> dict[int, list[Picture]]:
-    """N -> pictures. Raises ValueError for what cannot give a slope with its interval."""
+) -> tuple[dict[int, list[Image]], Picture]:
+    """N -> images, and the last picture of the largest N. Each is read before the next is rendered,
+    which may go to the same file. Raises ImageError; ValueError for too few to give a slope with
+    its interval."""
     if isinstance(render, Mapping):
-        series = {n: list(pictures) for n, pictures in render.items()}
+        several: list[tuple[int, Iterator[Picture]]]
+        several = [(n, iter(pictures)) for n, pictures in sorted(render.items())]
+        fewest = min(map(len, render.values()), default=0)
     else:
         seed = itertools.count(1)  # no two pictures have one: they are to be independent
-        series = {n: [render(n, next(seed)) for _ in range(seeds)] for n in light_samples}
-    if len(series) < 3 or min(map(len, series.values())) < 4:
+        several = [
+            (n, map(render, itertools.repeat(n, seeds), seed)) for n in sorted(set(light_samples))
+        ]
+        fewest = seeds
+    if len(several) < 3 or fewest < 4:
         raise ValueError(
             "a slope and its interval need three or more numbers of light samples, and four or "
             "more seeds of each"
         )
-    return series
+    images: dict[int, list[Image]] = {n: [] for n, _ in several}
+    for n, pictures in several:
+        for picture in pictures:
+            images[n].append(_read(picture))
+    return images, picture
 
 
 def _without_slope(squares: np.ndarray, floor: float) -> str:
@@ -246,7 +255,7 @@ def _without_slope(squares: np.ndarray, floor: float) -> str:
             "all pictures of one N are the same: let the random numbers depend on the seed, or "
             "give pictures of several seeds"
         )
-    if (squares.mean(axis=1) <= floor).any():
+    if floor > 0 and (squares.mean(axis=1) <= floor).any():
         return (
             "the files' 8 bits (or other rounding) hide the noise of the larger N: give smaller "
             "numbers of light_samples, or images of floats (.exr, .pfm, .npy)"
@@ -294,9 +303,9 @@ def _doubt(row: Row, is_coarse: bool) -> str:
 
 
 def _width(row: Row) -> float:
-    """Half of the interval that the relative bias is known to be in"""
+    """Half of the interval that the relative bias is known to be in; -1: it is not"""
     low, high = row["relative_low"], row["relative_high"]
-    return math.inf if low is None or high is None else (high - low) / 2
+    return -1.0 if low is None or high is None else (high - low) / 2
 
 
 def _contradicts(row: Row) -> bool:
@@ -337,55 +346,40 @@ class _Kept:
     def __init__(self) -> None:
         self._folder: Path | None = None
 
-    def read(self, picture: Picture) -> Image:
-        """Raises ImageError."""
-        from penumbra.compare.measure.image import Image, read_image
-
-        if isinstance(picture, str | Path):
-            return read_image(picture)
-        return Image(_radiance(picture))
-
     def readable(self, picture: Picture, name: str) -> Path:
         """Its file: its own, or one of that name, .npy or .exr. Raises ImageError, OSError."""
-        import numpy as np
-
-        from penumbra.compare.measure.image import Image, write_exr
-
         if isinstance(picture, str | Path):
             return Path(picture)
+        import numpy as np
+
+        from penumbra.compare.measure.image import Image, write_display, write_exr
+
         radiance = _radiance(picture)
-        file = self._file(name)
+        self._folder = self._folder or Path(tempfile.mkdtemp(prefix="penumbra-"))
+        file = self._folder / name
         if file.suffix == ".exr":
             write_exr(file, Image(radiance))
         else:
             np.save(file, radiance)
+        write_display(file.with_suffix(".png"), radiance)
         return file
 
     def visible(self, file: Path) -> Path:
-        """What people can open: of an array a .png beside it."""
-        if file.parent != self._folder:
-            return file
-        from penumbra.compare.measure.image import read_image, write_display
-
-        is_array = file.suffix == ".npy"
-        picture = file.with_suffix(".png")
-        write_display(picture, _loaded(file) if is_array else read_image(file).radiance)
-        return picture
+        """What people can open: of an array the .png beside it."""
+        return file.with_suffix(".png") if file.parent == self._folder else file
 
     def discard(self) -> None:
         if self._folder:
             shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _file(self, name: str) -> Path:
-        if self._folder is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="penumbra-"))
-        return self._folder / name
 
+def _read(picture: Picture) -> Image:
+    """Raises ImageError."""
+    from penumbra.compare.measure.image import Image, read_image
 
-def _loaded(file: Path) -> np.ndarray:
-    import numpy as np
-
-    return np.asarray(np.load(file), dtype=np.float64)
+    if isinstance(picture, str | Path):
+        return read_image(picture)
+    return Image(_radiance(picture))
 
 
 def _radiance(picture: np.ndarray) -> np.ndarray:
