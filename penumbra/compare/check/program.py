@@ -27,7 +27,6 @@ from penumbra.compare.check.diagnosis import (
     Diagnosis,
     Search,
     keys_of,
-    pairs,
 )
 from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.picture import Picture, read_picture
@@ -277,7 +276,7 @@ class _Examination:
             tuple(self.facts.items()),
             diagnosis,
             tuple(sorted(undecided)),
-            self.excluded(diagnosis.best.variant),
+            diagnosis.excluded,
             self.own_seconds,
         )
 
@@ -409,18 +408,6 @@ class _Examination:
                 gain = view.apart(mine, view.held_against(v))
                 self._expected[experiment, best, v] = TEMPER * PARTS * gain
         return [self._expected[experiment, best, v] for v in others]
-
-    def excluded(self, best: Variant) -> tuple[str, ...]:
-        """Mistakes that would have shown beside the best's."""
-        names: dict[str, None] = {}
-        plain = Variant()
-        for choice in best.wrong:
-            plain = plain.replaced(choice)
-        for variant in pairs(plain, self.search.scenes):
-            for name in set(variant.mistakes) - set(plain.mistakes) - set(names):
-                if self.search.apart(variant, plain) > TELLS:
-                    names[name] = None
-        return tuple(names)
 
 
 def _race(one: np.ndarray, several: np.ndarray) -> dict[str, str]:
