@@ -108,6 +108,8 @@ class Examined:
     """mistakes that would have shown, alone or beside the best, and did not"""
     seconds: float
     """of our own, without the program's"""
+    speed_up: float = 0.0
+    """times as fast with all cores as on one; 0: not measured"""
 
     @property
     def telling(self) -> Trial:
@@ -239,6 +241,7 @@ class _Examination:
         self.search = Search(power_known=True, many=self.many)
         self.trials: list[Trial] = []
         self.facts: dict[str, str] = {}
+        self.speed_up = 0.0
         self.start = time.perf_counter()
         self._expected: dict[tuple[Experiment, Variant, Variant], float] = {}
 
@@ -278,6 +281,7 @@ class _Examination:
             tuple(sorted(undecided)),
             diagnosis.excluded,
             self.own_seconds,
+            self.speed_up,
         )
 
     # -- pictures
@@ -325,8 +329,9 @@ class _Examination:
             self.facts.update(_race(one.values, first.values))
         several = min(several, seconds)
         if alone > LONG_ENOUGH:
+            self.speed_up = alone / several
             self.facts["speed_up"] = (
-                f"{cores()} threads are {alone / several:.2g} times as fast as one"
+                f"{cores()} threads are {self.speed_up:.2g} times as fast as one"
             )
 
     def candidates(self) -> list[tuple[_Stage, Experiment]]:
