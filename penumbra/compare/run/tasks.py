@@ -11,12 +11,14 @@ import contextlib
 import hashlib
 import json
 import logging
+import os
 import platform
 import queue
 import re
 import signal
 import socket
 import sys
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -32,8 +34,8 @@ from penumbra.compare.run.provenance import VERSION, cores, file_hash
 
 IN_FLIGHT = 2
 """Tasks handed over for each thread of a worker: the next one is there when one ends."""
-ALLOWED_FAILURES = 2
-"""Of the embedded cluster: a task whose worker dies once more is given up."""
+DEATHS = 3
+"""Workers that must have died of a task before it is given up, the last of them alone with it"""
 PATIENCE = 600.0
 """How long to wait for a scheduler that is gone, or for a worker where there is none [s]"""
 CONNECTING = 20.0
@@ -164,9 +166,10 @@ def run_tasks(
     after another, IN_FLIGHT for each thread of a worker. Without a scheduler there are `jobs`
     processes of this machine (every core), which end with the iterator: exhaust or close() it.
 
-    Dask gives a task of a worker that died to another one. A task of which several died, one after
-    another, is tried again at the end, alone, since who shared a worker with it is no culprit; if
-    it kills them again, it is Lost. A scheduler that is restarted gets what was not done again.
+    Dask gives a task of a worker that died to another one. A task of which as many died as the
+    scheduler allows is tried again at the end, alone, since who shared a worker with it is no
+    culprit; if it kills that one too, DEATHS in all, it is Lost. A scheduler that is restarted gets
+    what was not done again.
 
     Raises SchedulerError for workers that differ in versions, MissingWorkersError, ImportError if
     Dask is not installed, and whatever function raises.
@@ -264,6 +267,7 @@ class _Pool:
         self.scheduler, self.jobs = scheduler, jobs
         self.client: Any = None
         self._cluster: Any = None
+        self._on_close = contextlib.ExitStack()
         self._threads, self._looked = 0, float("-inf")
 
     def __enter__(self) -> _Pool:
@@ -330,6 +334,11 @@ class _Pool:
         self._threads, self._looked = int(threads), time.monotonic()
         return self._threads
 
+    def isolate(self) -> None:
+        """From now on one death is enough to hear of."""
+        if self._cluster is not None:
+            self._cluster.scheduler.allowed_failures = 0
+
     def is_gone(self) -> bool:
         return self.client.status != "running"
 
@@ -387,16 +396,18 @@ class _Pool:
         except ImportError as error:
             raise ImportError(f"{error}: {EXTRA}") from error
         loop = distributed.utils.LoopRunner()
-        # What its thread starts inherits the mask: Ctrl-C, and `timeout`, reach the whole group,
-        # but workers are to be ended by this process.
-        held = (signal.SIGINT, signal.SIGTERM)
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, held)
+        # What its thread starts inherits the mask: a terminal's Ctrl-C is sent to workers too, but
+        # it is this process that ends them.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
         try:
             loop.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        self._loop = loop
-        with dask.config.set({"distributed.scheduler.allowed-failures": ALLOWED_FAILURES}):
+        self._on_close.callback(loop.stop)
+        self._on_close.callback(_restore_environment, dict(os.environ))  # Dask changes it
+        scratch = self._on_close.enter_context(tempfile.TemporaryDirectory(prefix="penumbra-"))
+        # The last death is that of isolate().
+        with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 2}):
             self._cluster = distributed.LocalCluster(
                 n_workers=jobs,
                 threads_per_worker=1,
@@ -407,8 +418,10 @@ class _Pool:
                 dashboard_address=None,
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
+                local_directory=scratch,
                 loop=loop.loop,
             )
+        self._on_close.callback(_end, self._cluster)
 
     def _drop_client(self) -> None:
         if self.client is not None:
@@ -417,17 +430,18 @@ class _Pool:
             self.client = None
 
     def _close(self) -> None:
-        self._drop_client()
-        if self._cluster is None:
-            return
-        started = _started_by(self._cluster)
-        with contextlib.suppress(Exception):
-            self._cluster.close(timeout=10)
-        for process in started:
-            with contextlib.suppress(Exception):  # ended already
-                process.kill()
-        self._loop.stop()
-        self._cluster = None
+        with self._on_close:
+            self._drop_client()
+
+
+def _end(cluster: Any) -> None:
+    """A cluster, and whatever tasks started in its workers."""
+    started = _started_by(cluster)
+    with contextlib.suppress(Exception):
+        cluster.close(timeout=10)
+    for process in started:
+        with contextlib.suppress(Exception):  # ended already
+            process.kill()
 
 
 def _started_by(cluster: Any) -> list[Any]:
@@ -440,6 +454,12 @@ def _started_by(cluster: Any) -> list[Any]:
             worker = psutil.Process(nanny.pid)
             found += [*worker.children(recursive=True), worker]
     return found
+
+
+def _restore_environment(before: dict[str, str]) -> None:
+    for name in os.environ.keys() - before.keys():
+        del os.environ[name]
+    os.environ.update(before)
 
 
 def _say(text: str) -> None:
@@ -470,6 +490,7 @@ class _Run:
         self._again: deque[list[Task]] = deque([[first]])
         self._suspects: deque[list[Task]] = deque()
         self._alone = False
+        self._deaths: dict[str, int] = {}
         self._flights: dict[str, _Flight] = {}
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._versions = versions_here()
@@ -515,6 +536,7 @@ class _Run:
             return [task]
         if not self._flights and self._suspects:
             self._alone = True
+            self.pool.isolate()
             return self._suspects.popleft()
         return None
 
@@ -533,7 +555,7 @@ class _Run:
         if future.status == "finished":
             outcome = self.pool.ask(future.result)
         elif future.status == "error":
-            outcome = self._failed(future.exception())
+            outcome = self._failed(flight.tasks[0].key, future.exception())
         else:
             raise _Gone("the scheduler forgot a task")
         del self._flights[future.key]
@@ -542,12 +564,13 @@ class _Run:
             return []
         return [(task, outcome) for task in flight.tasks]
 
-    def _failed(self, error: BaseException) -> Any:
+    def _failed(self, key: str, error: BaseException) -> Any:
         """Lost, or _SUSPECT; raises what function raised."""
         if isinstance(error, _distributed().KilledWorker):
-            deaths = error.allowed_failures + 1
-            lost = Lost(f"the process that worked on it died, {deaths} times of {deaths}")
-            return lost if self._alone else _SUSPECT
+            deaths = self._deaths[key] = self._deaths.get(key, 0) + error.allowed_failures + 1
+            if self._alone and deaths >= DEATHS:
+                return Lost(f"the process that worked on it died, {deaths} times of {deaths}")
+            return _SUSPECT
         if isinstance(error, ModuleNotFoundError):
             raise MissingWorkersError(
                 f"a worker lacks the module {error.name}: install there what is installed here"
