@@ -7,14 +7,12 @@ machine. Points and hints are given afterwards (gradebook.py), so that another r
 from __future__ import annotations
 
 import base64
-import contextlib
 import io
-import json
 import os
 import re
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -33,7 +31,7 @@ from penumbra.compare.run.provenance import ROOT
 from penumbra.grading.cage import Limits
 from penumbra.grading.claims import HINTS, State, missing, states, untold
 from penumbra.grading.fault import SubmissionFault
-from penumbra.grading.submission import PICTURES, Content, is_archive, read, shown
+from penumbra.grading.submission import MANIFEST, PICTURES, Content, shown
 
 PATTERN = "n{light_samples}_m{pixel_samples}.png"
 PLACEHOLDERS = {
@@ -63,7 +61,7 @@ class Options:
     images: str = PATTERN
     trusted: bool = False
     """programs run without a cage"""
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
 
     @property
     def key(self) -> str:
@@ -90,11 +88,19 @@ def judge(argument: tuple[Content, Options]) -> dict[str, Any]:
     Raises MissingProgramError, MissingCageError, OSError: the machine's faults.
     """
     content, options = argument
+    if content.problem:
+        return _failed(*content.problem)
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
         try:
             return _judged(content, options, Path(folder))
         except SubmissionFault as fault:
             return _failed(fault.code, fault.text)
+        except (OSError, ImportError):
+            raise
+        except Exception as error:
+            if hasattr(error, "exit_code"):
+                raise
+            return _unforeseen(f"{type(error).__name__}: {error}".replace(folder, ""))
 
 
 # ---------------------------------------------------------------- what was handed in
@@ -140,15 +146,11 @@ def _judged(content: Content, options: Options, folder: Path) -> dict[str, Any]:
     handed, notes = _handed(content, root, options)
     if not handed:
         raise SubmissionFault("no_image", _nothing(content, options, notes))
-    with contextlib.suppress(_UnforeseenError):
-        return _of_pictures(handed, notes, options)
-    return _unforeseen("images")
+    return _of_pictures(handed, notes, options)
 
 
 def _opened(content: Content, folder: Path) -> Content:
     """What an archive holds, where there is nothing else. Raises SubmissionFault."""
-    if content.problem:
-        raise SubmissionFault(*content.problem)
     return content
 
 
@@ -204,8 +206,8 @@ def _nothing(content: Content, options: Options, notes: Sequence[str]) -> str:
     if content.links and not names:
         there = f"it holds links only ({content.links[0]}), which are not followed"
     return (
-        f"Nothing to judge: pictures named {options.images} (or n016_aa01.png; as .png, .bmp, .jpg, "
-        f".ppm, .exr, .pfm, .hdr or .npy) or a penumbra.toml were looked for, and {there}."
+        f"Nothing to judge: pictures named {options.images} (or n016_aa01.png; as .png, .bmp, "
+        f".jpg, .ppm, .exr, .pfm, .hdr or .npy) or a {MANIFEST} were looked for, and {there}."
     )
 
 
@@ -217,16 +219,12 @@ def _listed(names: Sequence[str], lead: str) -> str:
 # ---------------------------------------------------------------- pictures
 
 
-class _UnforeseenError(Exception):
-    """A fault of ours."""
-
-
 _checker = cache(Checker)
 """Of this process"""
 
 
 def _of_pictures(handed: Sequence[Handed], notes: list[str], options: Options) -> dict[str, Any]:
-    """Raises SubmissionFault, _UnforeseenError."""
+    """Raises SubmissionFault."""
     by_scene: dict[str | None, list[Handed]] = {}
     for picture in handed:
         own = picture.scene
@@ -242,10 +240,7 @@ def _of_pictures(handed: Sequence[Handed], notes: list[str], options: Options) -
             continue
         views, fitted = _looked_at(by_scene[scene], file, notes)
         if views:
-            try:
-                checked[scene] = _checker().decide(views, fitted, file)
-            except (ArithmeticError, LookupError, ValueError, AssertionError) as error:
-                raise _UnforeseenError from error
+            checked[scene] = _checker().decide(views, fitted, file)
             pictures += [view.picture for view in views]
     if not checked:
         raise SubmissionFault("bad_image", _sentence("; ".join(notes[:NAMED])))
@@ -401,14 +396,13 @@ def lost(reason: str) -> dict[str, Any]:
     return _failed("killed_worker", said)
 
 
-def _unforeseen(kind: str) -> dict[str, Any]:
-    said = "Penumbra itself failed on it, which is no fault of the submission's: please report it."
-    return _nothing_said(kind, {"code": "internal", "text": said}, untold(said))
+def _unforeseen(error: str) -> dict[str, Any]:
+    """A fault of ours, which neither ends the class nor costs a point."""
+    said = f"Penumbra itself failed on it, which is no fault of the submission's ({error})."
+    return _nothing_said("none", {"code": "internal", "text": said}, untold(said))
 
 
-def _nothing_said(
-    kind: str, problem: dict[str, str], claims: dict[str, State]
-) -> dict[str, Any]:
+def _nothing_said(kind: str, problem: dict[str, str], claims: dict[str, State]) -> dict[str, Any]:
     return {
         "kind": kind,
         "status": "failed",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,9 +102,7 @@ def _judge_all(
     return keys
 
 
-def _grades(
-    keys: Mapping[str, str], judged: Callable[[str], Any], asked: Class
-) -> dict[str, Any]:
+def _grades(keys: Mapping[str, str], judged: Callable[[str], Any], asked: Class) -> dict[str, Any]:
     alike: dict[str, list[str]] = {}
     for id_, key in sorted(keys.items()):
         alike.setdefault(key, []).append(id_)
@@ -126,9 +122,7 @@ def _grades(
     }
 
 
-def _entry(
-    id_: str, judged: Mapping[str, Any], asked: Class, same_as: list[str]
-) -> dict[str, Any]:
+def _entry(id_: str, judged: Mapping[str, Any], asked: Class, same_as: list[str]) -> dict[str, Any]:
     """A submission's entry: what was judged, at the hint's level, in the rubric's points."""
     found = {
         claim: State(state["state"], tuple(state["why"]))

@@ -82,7 +82,9 @@ def _escaped(character: str) -> str:
     if character.isprintable():  # not: control, format (also right-to-left), lone surrogates
         return character
     code = ord(character)
-    return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" if code < 65536 else f"\\U{code:08x}"
+    return (
+        f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" if code < 65536 else f"\\U{code:08x}"
+    )
 
 
 def entries(folder: Path, one: bool = False, leave: Iterable[Path] = ()) -> list[Entry]:
@@ -118,7 +120,9 @@ def read(path: Path) -> Content:
     try:
         mode = path.lstat().st_mode
         if stat.S_ISLNK(mode):
-            return Content((), (shown(path.name),), ("link", "It is a link: links are not followed."))
+            return Content(
+                (), (shown(path.name),), ("link", "It is a link: links are not followed.")
+            )
         if stat.S_ISREG(mode):
             return _gathered(path.parent, [path], [])
         if not stat.S_ISDIR(mode):
