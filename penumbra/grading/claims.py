@@ -38,6 +38,8 @@ HINTS = 4
 OFF, OFF_PENUMBRA, LOUD = 0.02, 0.05, 1.5
 """Relative error of the mean of lit parts, of penumbrae beside lit parts, and times the variance of
 N samples, from which what no mistake of the catalogue explains is held against a claim"""
+ENOUGH = 4
+"""Light samples from which a picture may show what N does"""
 SPEED_UP = 1.3
 """Times as fast as one thread from which several are said to speed a program up"""
 MODULES = {
@@ -49,7 +51,7 @@ MODULES = {
     "clamp": (LIGHT_MEAN,),
     "output": (LIGHT_MEAN,),
     "colour": (LIGHT_MEAN,),
-    "generator": (PENUMBRA, NOISE_LAW),
+    "generator": (PENUMBRA,),
 }
 """The claims that a mistake in each module refutes; of an average see _of_average"""
 
@@ -126,9 +128,10 @@ def mistakes_against(claim: str) -> frozenset[str]:
 # ---------------------------------------------------------------- what a verdict says of each
 
 
-def missing(reason: str) -> dict[str, State]:
-    """Nothing that could be judged was handed in."""
-    return {claim: State(MISSING, (reason,) * HINTS) for claim in CLAIMS}
+def missing() -> dict[str, State]:
+    """Of what holds nothing that can be judged."""
+    said = "Nothing that can be judged was handed in."
+    return {claim: State(MISSING, (said,) * HINTS) for claim in CLAIMS}
 
 
 def untold(reason: str) -> dict[str, State]:
@@ -160,13 +163,30 @@ def _state(claim: str, checked: Checked) -> State:
         return _unexplained(claim, found)
     if any(claim in refuted_by(name) for names in found.alike for name in names):
         return _untold("These pictures do not tell which of several mistakes it is.")
-    telling = mistakes_against(claim)
-    shown = telling & set(checked.diagnosis.excluded)
-    if 2 * len(shown) > len(telling):
+    if _would_show(claim, checked) or _shown_by_average(claim, checked, sure):
         return _shown(claim, checked)
     if sure:
         return _untold("What is wrong with the light hides it.")
     return _untold("These pictures cannot show it: a mistake here would look the same.")
+
+
+def _would_show(claim: str, checked: Checked) -> bool:
+    """Whether most of the mistakes against a claim would have shown, and did not."""
+    telling = mistakes_against(claim)
+    return 2 * len(telling & set(checked.diagnosis.excluded)) > len(telling)
+
+
+def _shown_by_average(claim: str, checked: Checked, sure: Sequence[str]) -> bool:
+    """A picture whose samples are summed in a way that is known, though wrong, shows what that way
+    does to the noise: no second mistake of the average is asked for beside it."""
+    if claim not in (NOISE_LAW, N_HAS_EFFECT) or _most_samples(checked) < ENOUGH:
+        return False
+    average = checked.diagnosis.best.variant["average"]
+    return average.macro != SPLIT and average.mistake in sure
+
+
+def _most_samples(checked: Checked) -> int:
+    return max(view.picture.nb_light_samples for view in checked.diagnosis.views)
 
 
 def _refuted(claim: str, found: Verdict, names: Sequence[str]) -> State:
@@ -205,8 +225,12 @@ def _seen(claim: str, found: Verdict) -> str:
     parts = _parts(found, kind)
     if not parts:
         return "No mistake that would change it is in these pictures."
-    worst = max(parts, key=lambda r: abs(r.ratio - 1))
-    return _sentence(f"{worst.name} is {worst.ratio:.3f} times as bright as it should be")
+    lit = _lit(found) if kind == "penumbra" else 1.0
+    beside = "beside what is lit, " if abs(lit - 1) > OFF else ""
+    lit = lit if beside and lit > 0 else 1.0
+    worst = max(parts, key=lambda r: abs(r.ratio / lit - 1))
+    said = f"{beside}{worst.name} is {worst.ratio / lit:.3f} times as bright as it should be"
+    return _sentence(said)
 
 
 def _shown(claim: str, checked: Checked) -> State:
@@ -265,8 +289,7 @@ def _shows_other_lights(checked: Checked) -> bool:
     if UNKNOWN in checked.verdict.mistakes or checked.verdict.verdict == CANNOT_TELL:
         return False
     if any(len(surface_lights(scene)) > 1 for scene in scenes):
-        telling = mistakes_against(OTHER_LIGHTS)
-        return 2 * len(telling & set(checked.diagnosis.excluded)) > len(telling)
+        return _would_show(OTHER_LIGHTS, checked)
     return checked.verdict.verdict == RIGHT_ and any(_other(scene) for scene in scenes)
 
 

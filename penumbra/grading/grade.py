@@ -243,7 +243,7 @@ def _of_pictures(handed: Sequence[Handed], notes: list[str], options: Options) -
             checked[scene] = _checker().decide(views, fitted, file)
             pictures += [view.picture for view in views]
     if not checked:
-        raise SubmissionFault("bad_image", _sentence("; ".join(notes[:NAMED])))
+        raise SubmissionFault("bad_image", "; ".join(notes[:NAMED]) + ".")
     first, *others = checked
     said = _said(
         "images",
@@ -283,7 +283,7 @@ def _looked_at(
 
 
 def _without(message: str, file: Path) -> str:
-    return message.replace(f"{file}: ", "").replace(str(file), "it")
+    return message.replace(f"{file}: ", "").replace(f" '{file}'", "").replace(str(file), "it")
 
 
 def shipped_scene(name: str) -> Path | None:
@@ -387,7 +387,7 @@ def _evidence(checked: Checked) -> dict[str, Any]:
 
 
 def _failed(code: str, said: str) -> dict[str, Any]:
-    return _nothing_said("none", {"code": code, "text": said}, missing(said))
+    return _nothing_said("none", {"code": code, "text": said}, missing())
 
 
 def lost(reason: str) -> dict[str, Any]:
@@ -450,7 +450,3 @@ def plain(value: Any, words: dict[str, str]) -> Any:
     for was, becomes in words.items():
         found = found.replace(was, becomes)
     return found
-
-
-def _sentence(said: str) -> str:
-    return said[:1].upper() + said[1:].rstrip(".") + "."
