@@ -171,8 +171,11 @@ def _state(claim: str, checked: Checked) -> State:
 
 
 def _would_show(claim: str, checked: Checked) -> bool:
-    """Whether most of the mistakes against a claim would have shown, and did not."""
+    """Whether most of the mistakes against a claim would have shown, and did not. Those that change
+    the mean as well (a black picture) show anyway, and tell nothing of another claim."""
     telling = mistakes_against(claim)
+    if claim != LIGHT_MEAN:
+        telling -= mistakes_against(LIGHT_MEAN)
     return 2 * len(telling & set(checked.diagnosis.excluded)) > len(telling)
 
 
