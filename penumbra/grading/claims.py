@@ -258,7 +258,8 @@ def _threads(checked: Checked) -> State:
     if race:
         seen = _sentence(race.partition(":")[0])
         return State(REFUTED, ("Threads do harm.", seen, _sentence(race), _sentence(race)))
-    if checked.examined.speed_up >= SPEED_UP:
+    faster = checked.examined.speed_up
+    if faster and faster.ratio >= SPEED_UP:
         return State(SHOWN, ("Several threads are clearly faster than one.",) * HINTS)
     return _untold("It was not clearly faster with several threads on the grader's machine.")
 

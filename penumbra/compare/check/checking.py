@@ -12,12 +12,19 @@ from penumbra.compare.check.explanation import observations
 from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.picture import Picture, counts_in_name, read_picture
 from penumbra.compare.check.prediction import surface_lights
-from penumbra.compare.check.program import BUDGET, FEWEST_CELLS, Examined, Progress, check_program
+from penumbra.compare.check.program import (
+    BUDGET,
+    FEWEST_CELLS,
+    SCENES,
+    Examined,
+    Progress,
+    Subject,
+    check_program,
+)
 from penumbra.compare.check.verdict import Verdict, verdict
 from penumbra.compare.check.view import View, lead_of
 from penumbra.compare.measure.image import ImageError
 from penumbra.compare.run.provenance import origin
-from penumbra.compare.run.renderers import TIMEOUT
 from penumbra.compare.scene import Scene, read_scene
 
 KEPT_VIEWS = 24
@@ -155,15 +162,15 @@ def check(
 
 
 def check_renderer(
-    command: str,
-    suffix: str = ".exr",
-    timeout: float = TIMEOUT,
+    subject: Subject,
     budget: float = BUDGET,
+    scenes: Sequence[str] = SCENES,
+    pictures: int | None = None,
     progress: Progress | None = None,
 ) -> Checked:
     """Check a program, which gets the scenes: what is said of it holds for all of its pictures. See
     check_program for arguments and errors."""
-    examined = check_program(command, suffix, timeout, budget, progress=progress)
+    examined = check_program(subject, budget, scenes, pictures, progress)
     diagnosis, grids = examined.diagnosis, examined.grids
     file = examined.telling.experiment.scene_file
     lead = examined.telling.view
