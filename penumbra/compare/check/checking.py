@@ -136,13 +136,15 @@ def check(
     scene_file: Path,
     light_samples: int | None = None,
     pixel_samples: int | None = None,
+    checker: Checker | None = None,
 ) -> Checked:
     """Check pictures of one scene by one renderer.
 
     light_samples, pixel_samples: of all of them; None: as their names say (n016_aa01.png), 1 pixel
-    sample where they do not. Raises CheckError, ImageError, SceneError, MissingProgramError.
+    sample where they do not. checker: that further pictures are checked with. Raises CheckError,
+    ImageError, SceneError, MissingProgramError.
     """
-    checker = Checker()
+    checker = checker or Checker()
     scene = checker.scene(scene_file)
     pictures = []
     for file in files:
