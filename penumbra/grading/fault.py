@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
+from penumbra.compare.run.renderers import RendererError
+
 Code = Literal[
     "time_limit", "memory_limit", "process_limit", "file_limit", "disk_limit", "output_limit",
     "forbidden", "crashed", "no_image", "bad_image", "build_failed", "manifest", "archive",
 ]  # fmt: skip
 
 
-class SubmissionFault(ValueError):
-    """A limit that was reached, a misdeed, or something that does not work; the text is one
-    sentence for the student, the same on every machine."""
+class SubmissionFault(RendererError):
+    """A limit that was reached, a misdeed, or something that does not work; the text is a sentence
+    for the student, the same on every machine."""
 
     def __init__(self, code: Code, text: str, printed: str = "") -> None:
         super().__init__(text)
