@@ -19,7 +19,8 @@ from penumbra.compare.check.explanation import title
 from penumbra.compare.check.prediction import surface_lights
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, Region, Verdict
 from penumbra.compare.check.words import WORDS
-from penumbra.compare.scene import QuadLight, Scene
+from penumbra.compare.run.provenance import ROOT
+from penumbra.compare.scene import QuadLight, Scene, read_scene
 
 LIGHT_MEAN, PENUMBRA, NOISE_LAW, N_HAS_EFFECT, THREADS, OTHER_LIGHTS = CLAIMS = (
     "light_mean", "penumbra", "noise_law", "n_has_effect", "threads", "other_lights",
@@ -278,9 +279,21 @@ def _other_lights(first: Checked, others: Sequence[tuple[str, Checked]]) -> Stat
     shown = [scene for scene, checked in every if _shows_other_lights(checked)]
     if shown:
         return State(SHOWN, (f"It is as it should be: {', '.join(shown)}.",) * HINTS)
+    if failed := _failed_on_others(first):
+        seen = "It fails on a scene of several lights."
+        return State(REFUTED, (seen, seen, failed, failed))
     if any(_other(view.scene) for _, checked in every for view in checked.diagnosis.views):
         return _untold("These pictures do not show it: something else is wrong, or hides it.")
     return _untold("No picture of several lights, or of another light than the lab's, to tell by.")
+
+
+def _failed_on_others(checked: Checked) -> str:
+    """What is said of a program that makes no picture of several lights."""
+    for code, said in checked.examined.facts if checked.examined else ():
+        scene = ROOT / "scenes" / f"{code.removeprefix('fails_')}.json"
+        if code.startswith("fails_") and scene.is_file() and _other(read_scene(scene)):
+            return _sentence(said)
+    return ""
 
 
 def _refuted_by(name: str) -> frozenset[str]:

@@ -21,17 +21,27 @@ from typing import Any
 import numpy as np
 from PIL import Image as PillowImage
 
-from penumbra.compare.check.checking import Checked, Checker, too_small, verdict_json
+from penumbra.compare.check.checking import (
+    Checked,
+    Checker,
+    check_renderer,
+    too_small,
+    verdict_json,
+)
 from penumbra.compare.check.explanation import headline, text, title
 from penumbra.compare.check.picture import Picture, counts_in_name, read_picture
+from penumbra.compare.check.program import FIRST
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, WRONG
 from penumbra.compare.check.view import View
 from penumbra.compare.measure.image import ImageError
 from penumbra.compare.run.provenance import ROOT
-from penumbra.grading.cage import Limits
+from penumbra.compare.run.renderers import Job, RendererError
+from penumbra.grading.archive import ending, unpack
+from penumbra.grading.cage import Limits, find_cage
 from penumbra.grading.claims import HINTS, State, missing, states, untold
 from penumbra.grading.fault import SubmissionFault
-from penumbra.grading.submission import MANIFEST, PICTURES, Content, shown
+from penumbra.grading.program import MANIFEST, CagedRenderer, Program, read_manifest
+from penumbra.grading.submission import PICTURES, Content, File, is_manifest, read, shown
 
 PATTERN = "n{light_samples}_m{pixel_samples}.png"
 PLACEHOLDERS = {
@@ -41,6 +51,12 @@ PLACEHOLDERS = {
 }
 MOST_PICTURES = 24
 """Of one scene that are judged: as many as any lab asks for, and minutes of work at the most"""
+ASKED_FOR = 8
+"""Pictures of a program's, beside three for seeds and threads"""
+BEARABLE = ("time_limit", "memory_limit", "crashed", "no_image", "bad_image")
+"""What may happen to an honest program in a scene that it was not made for"""
+PRINTED, MOST_PRINTED = ("build_failed", "crashed", "no_image"), 2000
+"""Faults of which the end of what was printed is shown, and how much of it [characters]"""
 THUMBNAIL, QUALITY = 160, 80
 """Width [pixels], and JPEG's quality"""
 NAMED = 3
@@ -73,6 +89,8 @@ class Handed:
     """A picture that was handed in, by its name."""
 
     file: Path
+    """where it is written to, to be read"""
+    data: bytes
     name: str
     """below the submission's folder, escaped"""
     scene: str | None
@@ -94,7 +112,7 @@ def judge(argument: tuple[Content, Options]) -> dict[str, Any]:
         try:
             return _judged(content, options, Path(folder))
         except SubmissionFault as fault:
-            return _failed(fault.code, fault.text)
+            return _failed(fault.code, fault.text, fault.printed)
         except (OSError, ImportError):
             raise
         except Exception as error:
@@ -139,48 +157,64 @@ def _stem(name: str) -> str:
 
 
 def _judged(content: Content, options: Options, folder: Path) -> dict[str, Any]:
-    """Raises SubmissionFault."""
-    content = _opened(content, folder)
-    root = folder / "submission"
-    _write(content, root)
-    handed, notes = _handed(content, root, options)
+    """Raises SubmissionFault, MissingProgramError, MissingCageError, CageError, OSError."""
+    archives = [file for file in content.files if ending(Path(file.name))]
+    handed, notes = _handed(content, folder, options)
+    if archives and not handed and not _manifests(content):
+        content = _unpacked(archives, options, folder)
+        if content.problem:
+            return _failed(*content.problem)
+        handed, notes = _handed(content, folder, options)
+    if manifests := _manifests(content):
+        return _of_program(content, manifests, bool(handed), options, folder)
     if not handed:
-        raise SubmissionFault("no_image", _nothing(content, options, notes))
+        raise SubmissionFault("no_image", _nothing(content, options))
+    for one in handed:
+        one.file.parent.mkdir(exist_ok=True)
+        one.file.write_bytes(one.data)
     return _of_pictures(handed, notes, options)
 
 
-def _opened(content: Content, folder: Path) -> Content:
-    """What an archive holds, where there is nothing else. Raises SubmissionFault."""
-    return content
+def _manifests(content: Content) -> list[str]:
+    return [file.name for file in content.files if is_manifest(file.name)]
 
 
-def _write(content: Content, root: Path) -> None:
-    for file in content.files:
-        path = root / file.name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(file.data)
-        path.chmod(0o755 if file.executable else 0o644)
+def _unpacked(archives: Sequence[File], options: Options, folder: Path) -> Content:
+    """What an archive holds, where nothing else was handed in. Raises SubmissionFault."""
+    if len(archives) > 1:
+        names = _listed([shown(file.name) for file in archives], "it holds")
+        raise SubmissionFault("archive", f"Hand in one archive: {names}.")
+    name = shown(Path(archives[0].name).name)
+    file = folder / f"archive{ending(Path(name))}"
+    file.write_bytes(archives[0].data)
+    into = folder / "unpacked"
+    try:
+        unpack(file, into, options.limits)
+    except SubmissionFault as fault:
+        raise SubmissionFault(fault.code, fault.text.replace(file.name, name, 1)) from fault
+    return read(into)
 
 
-def _handed(content: Content, root: Path, options: Options) -> tuple[list[Handed], list[str]]:
+def _handed(content: Content, folder: Path, options: Options) -> tuple[list[Handed], list[str]]:
     """The pictures that names say something of, one a stem; and what is to be said of others."""
     pattern = pattern_of(options.images)
+    root = folder / "pictures"
     by_pattern, by_counts = [], []
-    for file in content.files:
-        if Path(file.name).suffix.lower() not in PICTURES:
+    for i, file in enumerate(content.files):
+        ending_ = Path(file.name).suffix.lower()
+        if ending_ not in PICTURES:
             continue
         stem = _stem(file.name)
         match = pattern.fullmatch(stem if "/" in options.images else stem.rpartition("/")[2])
+        place, name = root / f"{i}{ending_}", shown(file.name)
         if match:
             said = match.groupdict()
             n, m = int(said["light_samples"]), int(said.get("pixel_samples") or 1)
-            by_pattern.append(Handed(root / file.name, shown(file.name), said.get("scene"), n, m))
+            by_pattern.append(Handed(place, file.data, name, said.get("scene"), n, m))
         else:
             found, pixel = counts_in_name(file.name)
             if found:
-                by_counts.append(
-                    Handed(root / file.name, shown(file.name), None, found, pixel or 1)
-                )
+                by_counts.append(Handed(place, file.data, name, None, found, pixel or 1))
     return _one_a_stem(by_pattern or by_counts)
 
 
@@ -199,7 +233,7 @@ def _one_a_stem(handed: Sequence[Handed]) -> tuple[list[Handed], list[str]]:
     return found[:MOST_PICTURES], notes
 
 
-def _nothing(content: Content, options: Options, notes: Sequence[str]) -> str:
+def _nothing(content: Content, options: Options) -> str:
     """What to say where there is nothing to judge."""
     names = [shown(file.name) for file in content.files]
     there = _listed(names, "it holds") if names else "there is none in it"
@@ -284,6 +318,72 @@ def _looked_at(
 
 def _without(message: str, file: Path) -> str:
     return message.replace(f"{file}: ", "").replace(f" '{file}'", "").replace(str(file), "it")
+
+
+# ---------------------------------------------------------------- a program
+
+
+def _of_program(
+    content: Content, manifests: Sequence[str], beside: bool, options: Options, folder: Path
+) -> dict[str, Any]:
+    """Raises SubmissionFault, MissingCageError, CageError, OSError."""
+    if len(manifests) > 1:
+        names = _listed([shown(name) for name in manifests], "it holds")
+        raise SubmissionFault("manifest", f"Hand in one program: {names}.")
+    home = folder / "program"
+    top = manifests[0].removesuffix(MANIFEST)
+    for file in content.files:
+        if file.name.startswith(top):
+            path = home / file.name.removeprefix(top)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(file.data)
+            path.chmod(0o755 if file.executable else 0o644)
+    manifest = read_manifest(home)
+    with Program(home, manifest, _cage(options.trusted), options.limits) as program:
+        program.build()
+        subject = _Bearable(program.renderer())
+        checked = check_renderer(subject, scenes=manifest.scenes, pictures=ASKED_FOR)
+    notes = ["the pictures beside the program are not looked at"] if beside else []
+    pictures = [
+        replace(trial.view.picture, name=str(trial.experiment))
+        for trial in checked.examined.trials  # type: ignore[union-attr]
+    ]
+    said = _said("program", checked, [], pictures, notes)
+    return dict(plain(said, {f"{ROOT / 'scenes'}{os.sep}": "scenes/"}))
+
+
+_cage = cache(find_cage)
+"""Of this machine"""
+
+
+@dataclass(frozen=True)
+class _Bearable:
+    """A program as check_program's Subject, that may fail on scenes beyond the lab's: it is said,
+    and the rest is judged."""
+
+    renderer: CagedRenderer
+
+    @property
+    def suffix(self) -> str:
+        return self.renderer.suffix
+
+    @property
+    def placeholders(self) -> frozenset[str]:
+        return self.renderer.placeholders
+
+    def run(self, job: Job, out: Path) -> float:
+        try:
+            return self.renderer.run(job, out)
+        except SubmissionFault as fault:
+            raise self._borne(job, fault) from fault
+
+    def refused(self, job: Job, out: Path, why: str) -> ValueError:
+        return self._borne(job, self.renderer.refused(job, out, why))
+
+    def _borne(self, job: Job, fault: SubmissionFault) -> ValueError:
+        if fault.code in BEARABLE and job.scene_file.stem != FIRST:
+            return RendererError(fault.text)
+        return fault
 
 
 def shipped_scene(name: str) -> Path | None:
@@ -386,8 +486,11 @@ def _evidence(checked: Checked) -> dict[str, Any]:
     return whole
 
 
-def _failed(code: str, said: str) -> dict[str, Any]:
-    return _nothing_said("none", {"code": code, "text": said}, missing())
+def _failed(code: str, said: str, printed: str = "") -> dict[str, Any]:
+    problem = {"code": code, "text": said}
+    if printed and code in PRINTED:
+        problem["printed"] = printed[-MOST_PRINTED:]
+    return _nothing_said("none", problem, missing())
 
 
 def lost(reason: str) -> dict[str, Any]:

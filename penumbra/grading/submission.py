@@ -13,14 +13,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-MANIFEST = "penumbra.toml"
+from penumbra.grading.archive import ending
+from penumbra.grading.program import MANIFEST
+
 PICTURES = (".exr", ".npy", ".pfm", ".hdr", ".png", ".bmp", ".ppm", ".jpg", ".jpeg")
 """What is read as a picture; of two with one stem the first is taken"""
-ARCHIVES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.xz", ".txz", ".tar.bz2", ".tbz2", ".tbz")
 MOST_BYTES = 256 << 20
 MOST_FILES = 2000
 DEEPEST = 12
 """Folders within each other"""
+LOOKED_INTO = 2
+"""Folders within each other in which pictures and a manifest are looked for: archives and learning
+platforms wrap what was handed in"""
 
 
 class FolderError(ValueError):
@@ -115,8 +119,8 @@ def entries(folder: Path, one: bool = False, leave: Iterable[Path] = ()) -> list
 
 
 def read(path: Path) -> Content:
-    """A submission's content: the whole folder of a program, of others the pictures and archives
-    in it and in the folders of it. Never raises for what a submission holds."""
+    """A submission's content: all of it if there is a program, else the pictures and archives.
+    Never raises for what a submission holds."""
     try:
         mode = path.lstat().st_mode
         if stat.S_ISLNK(mode):
@@ -129,8 +133,8 @@ def read(path: Path) -> Content:
             said = "It is neither a folder nor a file."
             return Content((), (), ("unreadable", said))
         files, links = _walk(path)
-        if not any(_is_manifest(file.relative_to(path)) for file in files):
-            files = [f for f in files if _may_tell(f) and len(f.relative_to(path).parts) <= 2]
+        if not any(is_manifest(file.relative_to(path)) for file in files):
+            files = [f for f in files if _may_tell(f.relative_to(path))]
         return _gathered(path, files, sorted(shown(str(link.relative_to(path))) for link in links))
     except OSError as error:
         said = f"It cannot be read: {error.strerror or error}."
@@ -143,16 +147,15 @@ class _TooMuchError(ValueError):
     """More than is looked at; the text says what."""
 
 
-def _is_manifest(name: Path) -> bool:
-    return name.name == MANIFEST and len(name.parts) <= 2
+def is_manifest(name: str | Path) -> bool:
+    """Whether a file of a submission says how to run its program."""
+    parts = Path(name).parts
+    return parts[-1] == MANIFEST and len(parts) <= LOOKED_INTO + 1
 
 
-def _may_tell(file: Path) -> bool:
-    return file.name.lower().endswith((*PICTURES, *ARCHIVES))
-
-
-def is_archive(name: str) -> bool:
-    return name.lower().endswith(ARCHIVES)
+def _may_tell(name: Path) -> bool:
+    kind = name.suffix.lower() in PICTURES or ending(name)
+    return bool(kind) and len(name.parts) <= LOOKED_INTO + 1
 
 
 def _walk(folder: Path) -> tuple[list[Path], list[Path]]:

@@ -96,8 +96,9 @@ class Subject(Protocol):
     def run(self, job: Job, out: Path) -> float:
         """Render one image; the wall time [s]. Raises RendererError, MissingProgramError."""
 
-    def refused(self, job: Job, out: Path, why: str) -> RendererError:
-        """The error of an image that was made and is of no use."""
+    def refused(self, job: Job, out: Path, why: str) -> ValueError:
+        """The error of an image that was made and is of no use: a RendererError, or one that says
+        more."""
 
 
 Progress = Callable[[Experiment, str], None]
