@@ -5,12 +5,23 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from penumbra.cli.arguments import Subcommands, add_subcommand, positive
+from penumbra.cli.arguments import Subcommands, add_subcommand, positive, seconds
 from penumbra.cli.check import scene_named
 from penumbra.cli.exit import PASS, UsageError
 
+if TYPE_CHECKING:
+    from penumbra.grading.cage import Limits
+
+LIMITS = (
+    ("--seconds", seconds, "SECONDS", "wall time [60]"),
+    ("--memory", positive, "MB", "of all its processes together [2048]"),
+    ("--processes", positive, "P", "with their threads [64]"),
+    ("--file-size", positive, "MB", "each file that it writes [64]"),
+    ("--disk", positive, "MB", "all that it writes, or an archive holds [256]"),
+    ("--output", positive, "MB", "what it prints [1]"),
+)
 MOST_SHOWN = 5
 """Mistakes of a class that are printed; the page has all"""
 
@@ -53,6 +64,16 @@ def add(subcommands: Subcommands) -> None:
         "step, 3 all [1]",
     )  # fmt: skip
     parser.add_argument("--jobs", type=positive, metavar="J", help="processes [one a core]")
+    limits = parser.add_argument_group(
+        "programs", "A submitted program runs in a cage, each build and each picture within limits."
+    )
+    for name, parse, metavar, text in LIMITS:
+        limits.add_argument(name, type=parse, metavar=metavar, help=text)
+    limits.add_argument(
+        "--trust", action="store_true",
+        help="run programs as you, without a cage, where none works: they can read and change "
+        "whatever you can",
+    )  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -69,9 +90,10 @@ def run(options: argparse.Namespace) -> int:
     rubric = read_rubric(options.rubric or SHIPPED)
     pattern_of(options.images)
     scene_file = checkable(options.scene)
-    asked = Class(
-        Options(str(scene_file), scene_file.read_bytes(), options.images), rubric, options.hint
+    judged = Options(
+        called(scene_file), scene_file.read_bytes(), options.images, options.trust, within(options)
     )
+    asked = Class(judged, rubric, options.hint)
     found = entries(options.folder, options.one, leave=[out])
     with tqdm(total=len(found), file=sys.stderr, unit="submission") as bar:
 
@@ -91,6 +113,29 @@ def checkable(text: str) -> Path:
     scene_file = scene_named(text)
     Checker().scene(scene_file)
     return scene_file
+
+
+def called(scene_file: Path) -> str:
+    """A scene's name in the results, wherever it lies."""
+    from penumbra.compare.run.provenance import ROOT
+
+    own = scene_file.resolve().parent == ROOT / "scenes"
+    return f"scenes/{scene_file.name}" if own else scene_file.name
+
+
+def within(options: argparse.Namespace) -> Limits:
+    from penumbra.grading.cage import Limits
+
+    mega = 1 << 20
+    given = {
+        "seconds": options.seconds,
+        "memory": options.memory and options.memory * mega,
+        "processes": options.processes,
+        "file_size": options.file_size and options.file_size * mega,
+        "disk": options.disk and options.disk * mega,
+        "output": options.output and options.output * mega,
+    }
+    return Limits(**{name: value for name, value in given.items() if value is not None})
 
 
 def summary(grades: dict[str, Any]) -> str:

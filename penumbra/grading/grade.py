@@ -166,7 +166,10 @@ def _judged(content: Content, options: Options, folder: Path) -> dict[str, Any]:
             return _failed(*content.problem)
         handed, notes = _handed(content, folder, options)
     if manifests := _manifests(content):
-        return _of_program(content, manifests, bool(handed), options, folder)
+        try:
+            return _of_program(content, manifests, bool(handed), options, folder)
+        except SubmissionFault as fault:
+            return _failed(fault.code, fault.text, fault.printed, "program")
     if not handed:
         raise SubmissionFault("no_image", _nothing(content, options))
     for one in handed:
@@ -486,11 +489,11 @@ def _evidence(checked: Checked) -> dict[str, Any]:
     return whole
 
 
-def _failed(code: str, said: str, printed: str = "") -> dict[str, Any]:
-    problem = {"code": code, "text": said}
+def _failed(code: str, said: str, printed: str = "", kind: str = "none") -> dict[str, Any]:
+    problem = {"code": code, "text": said.rstrip(".") + "."}
     if printed and code in PRINTED:
         problem["printed"] = printed[-MOST_PRINTED:]
-    return _nothing_said("none", problem, missing())
+    return _nothing_said(kind, problem, missing())
 
 
 def lost(reason: str) -> dict[str, Any]:

@@ -25,6 +25,8 @@ SCHEMA = "penumbra-grades/1"
 JOURNAL, GRADES, TABLE = "grades.journal", "grades.json", "grades.csv"
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """What a spreadsheet takes for the beginning of a formula"""
+PASSING = ("internal", "killed_worker")
+"""Problems that may be gone when a submission is judged again"""
 Progress = Callable[[int, int], None]
 """Told how many of how many submissions are judged"""
 
@@ -54,8 +56,8 @@ def grade_class(
     MissingCageError, SchedulerError, MissingWorkersError.
     """
     with Journal(out / JOURNAL) as journal:
-        keys = _judge_all(entries, asked.options, journal, scheduler, jobs, progress)
-        grades = _grades(keys, journal.get, asked)
+        keys, passing = _judge_all(entries, asked.options, journal, scheduler, jobs, progress)
+        grades = _grades(keys, lambda key: passing.get(key) or journal.get(key), asked)
     write_json(out / GRADES, grades)
     write_table(out / TABLE, grades)
     return grades
@@ -75,11 +77,13 @@ def _judge_all(
     scheduler: Scheduler | None,
     jobs: int | None,
     progress: Progress,
-) -> dict[str, str]:
-    """The journal's key of each submission, by its id. Submissions of the same bytes are judged
-    once."""
+) -> tuple[dict[str, str], dict[str, Any]]:
+    """The journal's key of each submission, by its id; and by its key what was said of those that
+    failed through a fault of ours, or with the process that worked on them, which are judged again
+    in the next run. Submissions of the same bytes are judged once."""
     version = code_version()
     keys: dict[str, str] = {}
+    passing: dict[str, Any] = {}
     asked: set[str] = set()
     judged = 0
 
@@ -96,10 +100,14 @@ def _judge_all(
             yield Task(key, (content, options))
 
     for task, found in run_tasks(judge, tasks(), scheduler, jobs):
-        journal.append(task.key, lost(found.reason) if isinstance(found, Lost) else found)
+        said = lost(found.reason) if isinstance(found, Lost) else found
+        if (said["problem"] or {}).get("code") in PASSING:
+            passing[task.key] = said
+        else:
+            journal.append(task.key, said)
         judged += 1
         progress(judged, len(entries))
-    return keys
+    return keys, passing
 
 
 def _grades(keys: Mapping[str, str], judged: Callable[[str], Any], asked: Class) -> dict[str, Any]:
