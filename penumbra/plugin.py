@@ -45,7 +45,8 @@ def pytest_runtest_makereport(
         if folder is not None and error.write_page is not None:
             said["page"] = _page(error, folder / f"{_file_name(report)}.html")
         report.sections.append((SECTION, "\n".join(f"{k}: {v}" for k, v in said.items())))
-        report.user_properties += [(f"penumbra_{k}", v) for k, v in said.items()]
+        # of the item: the JUnit report takes them from what comes after the failure
+        item.user_properties += [(f"penumbra_{k}", v) for k, v in said.items()]
     return report
 
 
