@@ -109,6 +109,7 @@ def test_what_cannot_be_told_has_its_points_and_no_status(export: Export) -> Non
     tests = json.loads(export("gradescope", [submission("a", "sssscc")]))["tests"]
     assert [test.get("status") for test in tests] == ["passed"] * 4 + [None] * 3
     assert tests[4]["score"] == tests[4]["max_score"] == 2
+    assert tests[4]["output"].endswith("your instructor may look at it.)")
 
 
 # VPL
@@ -426,6 +427,7 @@ def test_a_format_of_one_submission_asks_which(
         (json.dumps(grades(submission("a", points=99))), "submissions[0].points: 99"),
         (json.dumps(grades(submission("a", claims=[3]))), "submissions[0].claims[0]."),
         (json.dumps(grades(submission("a", of=None))), "submissions[0].of: missing"),
+        (json.dumps(grades(submission("a", problem=3))), "submissions[0].problem.code"),
     ],
 )
 def test_what_is_no_grades_json_is_refused_by_file_and_key(
@@ -445,6 +447,19 @@ def test_what_could_not_be_judged_says_why(export: Export) -> None:
     )  # fmt: skip
     for name in ("gradescope", "vpl", "junit"):
         assert export(name, [one]).count(why) == 1  # said once, not thrice
+
+
+def test_what_penumbra_failed_to_judge_is_no_grade_until_somebody_looks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It has full points in grades.json: an autograder that shows them at once gets none, and the
+    worksheet of a class, which the instructor uploads, names it."""
+    one = submission(DUPONT, "cccccc", problem={"code": "internal", "text": "?"}, status="failed")
+    file = write_grades(tmp_path / "g.json", one)
+    for name in ("gradescope", "vpl"):
+        assert "not judged, so no grade" in refused(capsys, name, file)
+    assert main(["export", "moodle", str(file), "--worksheet", str(worksheet(tmp_path))]) == 0
+    assert f"{DUPONT}: not judged, by a fault of Penumbra's" in capsys.readouterr().err
 
 
 def test_nothing_is_left_of_a_file_that_cannot_be_written(

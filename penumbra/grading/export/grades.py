@@ -13,6 +13,10 @@ SCHEMA = "penumbra-grades/1"
 SHOWN, REFUTED, CANNOT_TELL, MISSING = "shown", "refuted", "cannot tell", "missing"
 STATES = (SHOWN, REFUTED, CANNOT_TELL, MISSING)
 """Of a claim"""
+LEFT_OPEN = " (It costs nothing: your instructor may look at it.)"
+"""Said of what cannot be told"""
+INTERNAL = "internal"
+"""The problem that is a fault of Penumbra's, and no submission's"""
 Value = TypeVar("Value")
 
 
@@ -32,11 +36,18 @@ class Claim:
     of: int
     why: str
 
+    @property
+    def reason(self) -> str:
+        """What the student reads of it"""
+        return self.why + (LEFT_OPEN if self.state == CANNOT_TELL else "")
+
 
 @dataclass(frozen=True)
 class Submission:
     id: str
     """its folder's name, escaped by `penumbra grade`: the student's own words"""
+    problem: str
+    """code of why nothing could be judged, or empty"""
     verdict: str
     headline: str
     text: str
@@ -67,10 +78,13 @@ class Grades:
     """of Penumbra"""
 
     def one(self, name: str | None = None) -> Submission:
-        """The submission of that id; without a name the only one. Raises GradesError."""
-        if name is None and len(self.submissions) == 1:
-            return self.submissions[0]
-        found = [one for one in self.submissions if one.id == name]
+        """The submission of that id, without a name the only one, for a tool that shows its grade
+        at once. Raises GradesError, also for one that Penumbra failed to judge: its points stand
+        until the instructor has looked, which nobody would."""
+        is_only = name is None and len(self.submissions) == 1
+        found = [one for one in self.submissions if is_only or one.id == name]
+        if found and found[0].problem == INTERNAL:
+            raise GradesError(f"{found[0].id}: not judged, so no grade: {found[0].headline}")
         if found:
             return found[0]
         ids = ", ".join(one.id for one in self.submissions[:8])
@@ -127,6 +141,7 @@ def scaled(points: int, of: int, out_of: Fraction | None) -> str:
 def _submission(data: Any, where: str) -> Submission:
     if not isinstance(data, dict):
         raise GradesError(f"{where.rstrip('.')}: not an object")
+    problem = data.get("problem")
     claims = tuple(
         _claim(one, f"{where}claims[{i}].")
         for i, one in enumerate(_get(data, "claims", list, where))
@@ -137,6 +152,7 @@ def _submission(data: Any, where: str) -> Submission:
         raise GradesError(f"{where}points: {points} of {of} is not the sum of its claims")
     return Submission(
         _get(data, "id", str, where),
+        _get(problem, "code", str, f"{where}problem.") if problem else "",
         _get(data, "verdict", str, where),
         _get(data, "headline", str, where),
         _get(data, "text", str, where),

@@ -48,7 +48,7 @@ def _test(number: int, claim: Claim) -> dict[str, Any]:
         "name": one_line(claim.title),
         "score": claim.points,
         "max_score": claim.of,
-        "output": "\n".join(lines(claim.why)),
+        "output": "\n".join(lines(claim.reason)),
         "tags": [claim.state.replace(" ", "_")],
     }
     if claim.state != CANNOT_TELL:  # Gradescope then goes by the points

@@ -55,10 +55,10 @@ def _suite(root: ElementTree.Element, grades: Grades, submission: Submission) ->
 
 
 def _outcome(case: ElementTree.Element, claim: Claim) -> None:
-    why = one_line(claim.why)
+    why = one_line(claim.reason)
     if claim.state in (REFUTED, MISSING):
         failure = ElementTree.SubElement(case, "failure", type=claim.state, message=why)
-        failure.text = f"{claim.points} of {claim.of} points\n" + "\n".join(lines(claim.why))
+        failure.text = f"{claim.points} of {claim.of} points\n" + "\n".join(lines(claim.reason))
     elif claim.state == CANNOT_TELL:
         ElementTree.SubElement(case, "skipped", type=claim.state, message=why)
 

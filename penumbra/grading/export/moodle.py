@@ -18,7 +18,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TypeVar
 
-from penumbra.grading.export.grades import Grades, GradesError, Submission, scaled
+from penumbra.grading.export.grades import INTERNAL, Grades, GradesError, Submission, scaled
 from penumbra.grading.export.text import lines, one_line
 
 GRADE = ("Grade", "Note")
@@ -56,7 +56,8 @@ def gradebook(grades: Grades, roster: Mapping[str, str], out_of: Fraction | None
         "have no e-mail address in the roster",
     )
     rows = [[address, scaled(one.points, one.of, out_of), feedback(one)] for one, address in found]
-    return Filled(_csv([["Email address", "Grade", "Feedback"], *rows], ",", "\n"), ())
+    notes = _failed_to_judge(grades)
+    return Filled(_csv([["Email address", "Grade", "Feedback"], *rows], ",", "\n"), tuple(notes))
 
 
 def fill_worksheet(
@@ -90,7 +91,7 @@ def fill_worksheet(
         lambda one: places.get(_key(one, roster or {})),
         f"have no row in {worksheet}",
     )
-    notes = []
+    notes = _failed_to_judge(grades)
     for one, place in found:
         row = body[place]
         _check_maximum(worksheet, header, row, grades.total if out_of is None else out_of)
@@ -134,7 +135,7 @@ def feedback(submission: Submission) -> str:
     escapes quotes in PHP's CSV.
     """
     items = "".join(
-        f"<li>{_escaped(claim.title)}: {claim.points}/{claim.of}. {_escaped(claim.why)}</li>"
+        f"<li>{_escaped(claim.title)}: {claim.points}/{claim.of}. {_escaped(claim.reason)}</li>"
         for claim in submission.claims
     )
     said = "<br>".join(_escaped(line) for line in lines(submission.details))
@@ -142,6 +143,14 @@ def feedback(submission: Submission) -> str:
         f"<p><strong>{submission.points}/{submission.of}.</strong> "
         f"{_escaped(submission.headline)}</p><ul>{items}</ul>" + (f"<p>{said}</p>" if said else "")
     )
+
+
+def _failed_to_judge(grades: Grades) -> list[str]:
+    return [
+        f"{one_line(one.id)}: not judged, by a fault of Penumbra's: full points, look at it"
+        for one in grades.submissions
+        if one.problem == INTERNAL
+    ]
 
 
 def _escaped(text: str) -> str:

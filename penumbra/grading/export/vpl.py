@@ -20,9 +20,9 @@ def evaluation(submission: Submission, out_of: Fraction | None = None) -> str:
     said = [_title(f"Grade: {submission.points}/{submission.of}"), *_shown(submission.headline)]
     for claim in submission.claims:
         said.append(_title(f"{claim.title}: {claim.points}/{claim.of}"))
-        said += _shown(claim.why)
+        said += _shown(claim.reason)
     if submission.details:
-        said += [_title("What it rests on"), *_shown(submission.details)]
+        said += [_title("Details"), *_shown(submission.details)]
     grade = scaled(submission.points, submission.of, out_of)
     return "\n".join([*(COMMENT + one for one in said), f"{GRADE} {grade}"]) + "\n"
 
