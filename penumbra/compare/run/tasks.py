@@ -406,8 +406,11 @@ class _Pool:
         self._on_close.callback(loop.stop)
         self._on_close.callback(_restore_environment, dict(os.environ))  # Dask changes it
         scratch = self._on_close.enter_context(tempfile.TemporaryDirectory(prefix="penumbra-"))
-        # The last death is that of isolate().
-        with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 2}):
+        settings = {
+            "distributed.scheduler.allowed-failures": DEATHS - 2,  # the last one is isolate()'s
+            "temporary-directory": scratch,
+        }
+        with dask.config.set(settings):
             self._cluster = distributed.LocalCluster(
                 n_workers=jobs,
                 threads_per_worker=1,
