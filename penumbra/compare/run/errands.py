@@ -55,8 +55,8 @@ class Rendered:
 class _Errand:
     scene: SceneFile
     jobs: tuple[Job, ...]
-    renderer: Renderer | None
-    """None: the worker's own C renderer, wherever it was built"""
+    renderer: Renderer | float
+    """or the timeout [s] of the worker's own C renderer, wherever it was built"""
     program: str
     """what stamp() says of it here"""
 
@@ -92,10 +92,10 @@ def rendered_elsewhere(
     """
     jobs = list(jobs)
     program = stamp(renderer)
-    sent: Renderer | None = renderer
+    sent: Renderer | float = renderer
     if isinstance(renderer, CommandRenderer):
         own = renderer.command == penumbra_renderer(renderer.timeout).command
-        sent = None if own else absolute(renderer)
+        sent = renderer.timeout if own else absolute(renderer)
         together = 1
     scenes = {file: SceneFile.of(file) for file in {job.scene_file for job in jobs}}
     tasks = []
@@ -120,7 +120,9 @@ def rendered_elsewhere(
 
 def _render(errand: _Errand) -> list[Rendered]:
     """On a worker. Raises RendererError, MissingProgramError."""
-    renderer = errand.renderer or penumbra_renderer()
+    renderer = errand.renderer
+    if isinstance(renderer, float):
+        renderer = penumbra_renderer(renderer)
     here = f"worker {socket.gethostname()}"
     try:
         if stamp(renderer) != errand.program:

@@ -115,8 +115,8 @@ def converge(study: ConvergenceStudy, scheduler: Scheduler | None = None) -> dic
     measured here: all but the seconds is the same as without. The journal stays, so that the same
     study once more costs nothing.
 
-    Raises what run_tasks() raises, SceneError, ImageError, ConvergenceError, JournalError, RendererError,
-    MissingProgramError, OSError.
+    Raises SceneError, ImageError, ConvergenceError, JournalError, RendererError,
+    MissingProgramError, OSError; with a scheduler what run_tasks() raises too.
     """
     solved = _SolvedScene(study)
     for curve in study.curves:
@@ -282,7 +282,8 @@ class _Measured:
     pixel_samples: int
     seed: int
     values: dict[str, Any]
-    """{"seconds", "clock", "software", "machine" if it was another, "regions": {region: {measure: number or None}},
+    """{"seconds", "clock", "software", "machine" if it was another,
+    "regions": {region: {measure: number or None}},
     "rounding": {region: MSE that the file's rounding accounts for}}"""
 
 
