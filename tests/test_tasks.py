@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import itertools
 import json
 import os
@@ -20,6 +21,10 @@ import pytest
 from distributed import Security
 
 from penumbra.cli.exit import MISSING, USAGE
+from penumbra.compare.check.calibration import few, judged
+from penumbra.compare.measure.image import read_image
+from penumbra.compare.run.provenance import machine
+from penumbra.compare.run.renderers import CommandRenderer, penumbra_renderer
 from penumbra.compare.run.tasks import (
     Lost,
     MissingWorkersError,
@@ -29,6 +34,8 @@ from penumbra.compare.run.tasks import (
     content_key,
     run_tasks,
 )
+from penumbra.compare.studies.convergence import ConvergenceStudy, Curve, converge
+from penumbra.compare.studies.trade import TradeStudy, trade
 from tests import deeds
 from tests.conftest import ROOT, default_signals
 
@@ -276,6 +283,81 @@ def test_a_module_that_workers_lack_is_named(
 
     with pytest.raises(MissingWorkersError, match="lacks the module only_here"):
         list(run_tasks(only_here.deed, tasks(["a"]), Scheduler(str(machines.file))))
+
+
+# ---------------------------------------------------------------- what is done with it
+
+
+NOWHERE = Scheduler("/nowhere.json", patience=0.1)
+"""For runs that must not need one"""
+
+
+def without(data: Any, *names: str) -> Any:
+    """JSON without some keys, wherever they are."""
+    if isinstance(data, dict):
+        return {k: without(v, *names) for k, v in data.items() if k not in names}
+    return [without(v, *names) for v in data] if isinstance(data, list) else data
+
+
+def test_calibration_says_the_same_bytes_on_workers(machines: Machines) -> None:
+    """Of nine pictures, in two tasks, which may end in either order."""
+    specimens = few()[:4] + few()[-5:]
+    here = {s.key: said for s, said in judged(specimens, jobs=1)}
+    there = {s.key: said for s, said in judged(specimens, None, Scheduler(str(machines.file)))}
+    assert len(there) == 9
+    assert as_bytes(there) == as_bytes(here)
+
+
+def test_convergence_differs_in_its_seconds_alone_and_costs_nothing_again(
+    machines: Machines, make_scene: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Two renderers: ours, which every worker has, and a command with a path of this folder."""
+    scene = make_scene(image={"width": 36, "height": 24})
+    program = os.path.relpath(ROOT / "build" / "bin" / "penumbra-render")
+    command = f"{program} {{scene}} -o {{out}} --light-samples {{light_samples}} --seed {{seed}}"
+    found = {}
+    for name, scheduler in (("here", None), ("there", Scheduler(str(machines.file)))):
+        curves = tuple(
+            Curve(renderer, (1, 4, 16))
+            for renderer in (penumbra_renderer(), CommandRenderer("other", command))
+        )
+        study = ConvergenceStudy(scene, tmp_path / name, curves, seeds=2, keep_images=True)
+        result = converge(study, scheduler)
+        with study.file(".csv").open(newline="") as stream:
+            rows = [without(row, "seconds") for row in csv.DictReader(stream)]
+        images = {
+            file.name: read_image(file).radiance.tobytes()
+            for file in study.file("_images").iterdir()
+        }
+        found[name] = rows, without(result, "seconds", "machines", "command"), images
+    assert len(found["there"][2]) == 12
+    assert found["there"] == found["here"]
+    assert result["machines"] == [machine()]
+    written = study.file(".csv").read_bytes()
+    converge(study, NOWHERE)
+    assert study.file(".csv").read_bytes() == written
+
+
+def test_a_trade_on_workers_has_the_same_errors_and_names_the_machines(
+    machines: Machines, make_scene: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Three N of each method, which are measured however long they take: the same settings."""
+    scene = make_scene(image={"width": 36, "height": 24})
+    other = make_scene("tp3_disk", "other.json", image={"width": 36, "height": 24})
+    errors = {}
+    for name, scheduler in (("here", None), ("there", Scheduler(str(machines.file)))):
+        study = TradeStudy(
+            scene, tmp_path / name, (other,), light_samples=(1, 4, 16), threads=(1,), seeds=2
+        )
+        result = trade(study, scheduler)
+        with study.file(".csv").open(newline="") as stream:
+            errors[name] = [without(row, "seconds") for row in csv.DictReader(stream)]
+    assert errors["there"] == errors["here"]
+    assert list(result["machines"].values()) == [machine(), machine()]
+    assert len(result["machines"]) == 2
+    written = study.file(".csv").read_bytes()
+    trade(study, NOWHERE)
+    assert study.file(".csv").read_bytes() == written
 
 
 # ---------------------------------------------------------------- keys, addresses

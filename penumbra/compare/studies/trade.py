@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -504,8 +505,9 @@ def _timed_elsewhere(
         study = replace(scene.study, verify=())
         same = replace(study, scene_file=Path(sent.name), out=Path(), cycles=None)
         versions = ascii(sorted(versions_here().items()))
-        key = content_key(sent.name, sent.content, ascii(same), ascii(one), versions)
-        tasks.append(Task(key, (sent, study, one)))
+        cycles = study.cycles.fingerprint() if one.cycles and study.cycles else ""
+        key = content_key(sent.name, sent.content, ascii(same), ascii(one), versions, cycles)
+        tasks.append(Task(key, (sent, study, one, cycles)))
     missing = [task for task in tasks if journal.get(task.key) is None]
     with closing(run_tasks(_time_there, missing, scheduler)) as done:
         for task, found in done:
@@ -516,9 +518,11 @@ def _timed_elsewhere(
     return [([_frame(**f) for f in value["frames"]], value["machine"]) for value in values]
 
 
-def _time_there(argument: tuple[SceneFile, TradeStudy, _Round]) -> dict[str, Any]:
-    """On a worker."""
-    scene, study, one = argument
+def _time_there(argument: tuple[SceneFile, TradeStudy, _Round, str]) -> dict[str, Any]:
+    """On a worker. cycles: its fingerprint here, if it is timed too."""
+    scene, study, one, cycles = argument
+    if cycles and study.cycles and study.cycles.fingerprint() != cycles:
+        raise TradeError(f"worker {socket.gethostname()}: its Cycles is another than here")
     with alone_on_machine(), every_core(), brought(scene) as file:
         frames = one.frames(_MeasuredScene(study, file))
         return {"frames": [asdict(f) for f in frames], "machine": provenance.machine()}
