@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from penumbra.cli.arguments import Subcommands, add_subcommand, positive, seconds
+from penumbra.cli.arguments import Subcommands, add_scheduler, add_subcommand, positive, scheduler_of, seconds
 from penumbra.cli.check import scene_named
 from penumbra.cli.exit import PASS, UsageError
 
@@ -64,6 +64,7 @@ def add(subcommands: Subcommands) -> None:
         "step, 3 all [1]",
     )  # fmt: skip
     parser.add_argument("--jobs", type=positive, metavar="J", help="processes [one a core]")
+    add_scheduler(parser)
     limits = parser.add_argument_group(
         "programs", "A submitted program runs in a cage, each build and each picture within limits."
     )
@@ -87,6 +88,7 @@ def run(options: argparse.Namespace) -> int:
     out: Path = options.out
     if out.exists() and not out.is_dir():
         raise UsageError(f"-o {out}: is no folder, and the results are one")
+    scheduler = scheduler_of(options)
     rubric = read_rubric(options.rubric or SHIPPED)
     pattern_of(options.images)
     scene_file = checkable(options.scene)
@@ -100,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
         def progress(done: int, of: int) -> None:
             bar.update(done - bar.n)
 
-        grades = grade_class(found, asked, out, jobs=options.jobs, progress=progress)
+        grades = grade_class(found, asked, out, scheduler, options.jobs, progress)
     print(summary(grades), end="")
     print(f"written: {out / GRADES}, {out / TABLE}")
     return PASS
