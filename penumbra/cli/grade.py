@@ -7,7 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from penumbra.cli.arguments import Subcommands, add_scheduler, add_subcommand, positive, scheduler_of, seconds
+from penumbra.cli.arguments import (
+    Subcommands,
+    add_scheduler,
+    add_subcommand,
+    positive,
+    scheduler_of,
+    seconds,
+)
 from penumbra.cli.check import scene_named
 from penumbra.cli.exit import PASS, UsageError
 
@@ -63,7 +70,6 @@ def add(subcommands: Subcommands) -> None:
         help="how much students are told: 0 the verdict, 1 where to look, 2 the mistake and the "
         "step, 3 all [1]",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=positive, metavar="J", help="processes [one a core]")
     add_scheduler(parser)
     limits = parser.add_argument_group(
         "programs", "A submitted program runs in a cage, each build and each picture within limits."
@@ -89,14 +95,15 @@ def run(options: argparse.Namespace) -> int:
     if out.exists() and not out.is_dir():
         raise UsageError(f"-o {out}: is no folder, and the results are one")
     scheduler = scheduler_of(options)
-    rubric = read_rubric(options.rubric or SHIPPED)
+    rubric_file: Path = options.rubric or SHIPPED
+    rubric = read_rubric(rubric_file)
     pattern_of(options.images)
     scene_file = checkable(options.scene)
     judged = Options(
         called(scene_file), scene_file.read_bytes(), options.images, options.trust, within(options)
     )
     asked = Class(judged, rubric, options.hint)
-    found = entries(options.folder, options.one, leave=[out])
+    found = entries(options.folder, options.one, leave=[out, rubric_file])
     with tqdm(total=len(found), file=sys.stderr, unit="submission") as bar:
 
         def progress(done: int, of: int) -> None:

@@ -261,6 +261,7 @@ def _listed(names: Sequence[str], lead: str) -> str:
 
 
 _of_thread = threading.local()
+_writing = threading.Lock()
 
 
 def _checker() -> Checker:
@@ -414,8 +415,9 @@ def _scene_file(options: Options) -> Path:
     if own.is_file() and own.read_bytes() == options.scene_text:
         return own
     file = _scratch() / f"{sha256(options.scene_text).hexdigest()[:16]}.json"
-    if not file.exists():
-        write_whole(file, lambda part: part.write_bytes(options.scene_text))
+    with _writing:
+        if not file.exists():
+            write_whole(file, lambda part: part.write_bytes(options.scene_text))
     return file
 
 
