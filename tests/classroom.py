@@ -24,13 +24,13 @@ RUBRIC = {
 """Title and points of each claim"""
 TOTAL = 20
 FIRST = (
-    "Adèle Bastien Capucine Dorian Élise Farid Gaëlle Hugo Inès Joachim Khadija Léonie Maël Nour "
-    "Ombline Paul Quitterie Rayan Solène Théo"
-).split()
+    "Adèle", "Bastien", "Capucine", "Dorian", "Élise", "Farid", "Gaëlle", "Hugo", "Inès", "Joachim",
+    "Khadija", "Léonie", "Maël", "Nour", "Ombline", "Paul", "Quitterie", "Rayan", "Solène", "Théo",
+)  # fmt: skip
 LAST = (
-    "Abadie Brunel Cazenave Delorme Estève Fabre Garnier Hamidi Izard Jourdan Kessler Lacombe "
-    "Marchand Navarro Ollivier"
-).split()
+    "Abadie", "Brunel", "Cazenave", "Delorme", "Estève", "Fabre", "Garnier", "Hamidi", "Izard",
+    "Jourdan", "Kessler", "Lacombe", "Marchand", "Navarro", "Ollivier",
+)  # fmt: skip
 HEADLINES = {
     "right": "RIGHT: the light is computed correctly.",
     "wrong": "WRONG: the light is not computed correctly.",
@@ -91,12 +91,13 @@ def submission(
     *,
     verdict: str = "",
     failed: bool = False,
+    same_as: tuple[str, ...] = (),
     pictures: tuple[str, ...] = ("n016_m1.png", "n064_m1.png"),
     thumbnail: Thumbnail = plain_thumbnail,
 ) -> dict[str, Any]:
     """verdict: as the mistakes say, unless it is given."""
     word = "cannot tell" if failed else verdict or ("wrong" if mistakes else "right")
-    claims = [_claim(claim, word, mistakes, failed) for claim in RUBRIC]
+    claims = [_claim(claim, word, mistakes, failed, hint) for claim in RUBRIC]
     first = mistakes[0] if mistakes else ""
     return {
         "id": name,
@@ -105,13 +106,15 @@ def submission(
         "problem": PROBLEM if failed else None,
         "verdict": word,
         "confidence": 0.5 if word == "cannot tell" else 0.9996,
-        "headline": HEADLINES[word],
-        "text": "" if failed else text(word, mistakes, hint),
+        "headline": PROBLEM["text"] if failed else HEADLINES[word],
+        "text": PROBLEM["text"] + "\n" if failed else text(word, mistakes, hint),
         "mistakes": list(mistakes),
         "titles": [title(m) for m in mistakes],
         "perhaps": [],
         "alike": [["no_surface_cosine"]] if mistakes else [],
         "facts": [] if failed else [FACT],
+        "same_as": list(same_as),
+        "other_scenes": [],
         "points": sum(c["points"] for c in claims),
         "of": TOTAL,
         "claims": claims,
@@ -157,18 +160,25 @@ def text(word: str, mistakes: tuple[str, ...], hint: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _claim(claim: str, word: str, mistakes: tuple[str, ...], failed: bool) -> dict[str, Any]:
+def _claim(
+    claim: str, word: str, mistakes: tuple[str, ...], failed: bool, hint: int
+) -> dict[str, Any]:
     name, of = RUBRIC[claim]
     refuted = {"light_mean", "penumbra"} if mistakes else set()
     if mistakes == ("n_no_effect",):
         refuted = {"noise_law", "n_has_effect"}
     state, why = "shown", f"{name}: as it should be."
     if failed:
-        state, why = "missing", "No picture could be read."
+        state, why = "missing", PROBLEM["text"]
     elif claim in ("threads", "other_lights") or word == "cannot tell":
         state, why = "cannot tell", "Pictures of one scene cannot show it."
     elif claim in refuted:
-        state, why = "refuted", f"Your pictures show that {title(mistakes[0])}."
+        state, why = (
+            "refuted",
+            "The lit part of the floor is 1.420 times as bright as it should be.",
+        )
+        if hint >= 2:
+            why = f"Your pictures show that {title(mistakes[0])}."
     points = of if state in ("shown", "cannot tell") else 0
     return {"id": claim, "title": name, "state": state, "points": points, "of": of, "why": why}
 

@@ -18,7 +18,7 @@ from penumbra.compare.check.catalogue import catalogue
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG
 from penumbra.compare.run.output import write_whole
 from penumbra.report.build import asset, environment
-from penumbra.report.check_page import NAME, TONES, WHERE
+from penumbra.report.check_page import TONES, WHERE
 from penumbra.report.words import digits
 
 FAILED = "failed"
@@ -31,7 +31,7 @@ STATE_ALONE = {
     "cannot tell": "What was handed in cannot show it, which costs nothing.",
     "missing": "Nothing was handed in that could show it.",
 }
-"""What a state says of itself, where its reason would give the mistake away"""
+"""What a state says of itself, where nothing more is to be told"""
 MOST_MISTAKES, MOST_PICTURES, MOST_CLAIMS = 8, 3, 8
 """Mistakes at the top and pictures in a row, above which the others are folded away; claims, above
 which the table scrolls by itself"""
@@ -47,9 +47,9 @@ def write_class(out: Path, grades: dict[str, Any]) -> None:
     """OUT/index.html for the instructor, OUT/sheets/NAME.html for each student, and all of these in
     OUT/sheets.html, to print at once; each one file that needs no network.
 
-    grades: as grades.json has them, "penumbra-grades/1". Sheets say what its hint allows and no
-    more: 0 points, 1 where to look, 2 the mistakes and why. Sheets of an earlier run go, where no
-    such student is left. Raises OSError.
+    grades: as grades.json has them, "penumbra-grades/1". Sheets say no more than its hint allows:
+    of hint 0 points and results only, of others also the text and the reasons, which are at that
+    level. Sheets of an earlier run go, where no such student is left. Raises OSError.
     """
     submissions = grades["submissions"]
     names = file_names([s["id"] for s in submissions])
@@ -155,7 +155,7 @@ def _sheet(submission: dict[str, Any], hint: int) -> dict[str, Any]:
         "said": said[1:] if hint >= WHERE else [],
         "points": clean["points"],
         "of": clean["of"],
-        "claims": [_claim(claim, hint >= NAME) for claim in clean["claims"]],
+        "claims": [_claim(claim, hint >= WHERE, clean["headline"]) for claim in clean["claims"]],
         "pictures": [_picture(picture) for picture in clean["pictures"]],
     }
 
@@ -175,16 +175,17 @@ def _paragraphs(text: str) -> list[list[dict[str, Any]]]:
     ]
 
 
-def _claim(claim: dict[str, Any], why: bool) -> dict[str, Any]:
-    """why: whether the reason may be told."""
+def _claim(claim: dict[str, Any], told: bool, headline: str) -> dict[str, Any]:
+    """told: whether its reason may be; one that only says the headline again is not."""
     state = claim["state"]
+    why = claim["why"] if told else STATE_ALONE.get(state, "")
     return {
         "title": claim["title"],
         "state": state,
         "tone": STATES[state],
         "points": claim["points"],
         "of": claim["of"],
-        "why": claim["why"] if why else STATE_ALONE.get(state, ""),
+        "why": "" if why == headline else why,
         "order": list(STATES).index(state),
     }
 
@@ -203,7 +204,9 @@ def _picture(picture: dict[str, Any]) -> dict[str, Any]:
 
 def _content(grades: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
     """names: of the sheets' files, by id"""
-    rows = [_row(i, s, names[s["id"]]) for i, s in enumerate(grades["submissions"])]
+    claims = [claim["id"] for claim in grades["rubric"]["claims"]]
+    rows = [_row(i, s, claims, names[s["id"]]) for i, s in enumerate(grades["submissions"])]
+    anchors = {s["id"]: row for s, row in zip(grades["submissions"], rows, strict=True)}
     counts = Counter(row["verdict"] for row in rows)
     most = max((len(m["submissions"]) for m in grades["mistakes"]), default=1)
     mistakes = [
@@ -229,6 +232,7 @@ def _content(grades: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
         "unfolded": MOST_MISTAKES,
         "failed": [row for row in rows if row["verdict"] == FAILED],
         "undecided": [claim for claim in undecided if claim["rows"]],
+        "alike": [[anchors[i] for i in same] for same in _same(grades["submissions"])],
         "wide": len(grades["rubric"]["claims"]) > MOST_CLAIMS,
         "hint": grades["hint"],
         "trusted": grades["trusted"],
@@ -236,8 +240,18 @@ def _content(grades: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
     }
 
 
-def _row(place: int, submission: dict[str, Any], file: str) -> dict[str, Any]:
+def _same(submissions: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Ids of those that handed in the very same bytes, together"""
+    groups = (tuple(sorted([s["id"], *s["same_as"]])) for s in submissions if s["same_as"])
+    return list(dict.fromkeys(groups))
+
+
+def _row(
+    place: int, submission: dict[str, Any], claims: Sequence[str], file: str
+) -> dict[str, Any]:
+    """claims: ids, in the order of the columns; file: of its sheet"""
     clean = seen(submission)
+    by_claim = {claim["id"]: claim for claim in clean["claims"]}
     verdict = _verdict(clean)
     problem = clean["problem"] or {"code": "", "text": ""}
     pictures = [_picture(picture) for picture in clean["pictures"]]
@@ -258,12 +272,14 @@ def _row(place: int, submission: dict[str, Any], file: str) -> dict[str, Any]:
         "folded": len(pictures) - MOST_PICTURES,
         "points": clean["points"],
         "of": clean["of"],
-        "claims": [_claim(claim, True) for claim in clean["claims"]],
+        "claims": [_claim(by_claim[claim], True, clean["headline"]) for claim in claims],
         "undecided": submission["for_instructor"],
         "kind": clean["kind"],
         "headline": clean["headline"],
         "confidence": _confidence(clean),
         "facts": clean["facts"],
+        "scenes": [f"{other['scene']}: {other['verdict']}" for other in clean["other_scenes"]],
+        "same": clean["same_as"],
         "perhaps": [_titles([name]) for name in clean["perhaps"]],
         "alike": [_titles(names) for names in clean["alike"]],
         **_evidence(clean["evidence"] or {}),
@@ -277,6 +293,7 @@ def _evidence(evidence: dict[str, Any]) -> dict[str, Any]:
     return {
         "observed": evidence.get("observed", ()),
         "settle": evidence.get("settle", ()),
+        "hidden": [_titles([name]) for name in evidence.get("hidden", ())],
         "runners": [{"titles": _titles(n), "odds": digits(odds, 2)} for n, odds in runners],
     }
 
