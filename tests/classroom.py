@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import random
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from penumbra.compare.check.catalogue import Mistake, catalogue
+from penumbra.compare.check.catalogue import Variant, catalogue
+from penumbra.compare.check.explanation import headline, observations, text, title
+from penumbra.compare.check.verdict import Region, Verdict
+from penumbra.compare.check.words import WORDS
 
 RUBRIC = {
     "light_mean": ("The light's mean", 6),
@@ -31,16 +36,6 @@ LAST = (
     "Abadie", "Brunel", "Cazenave", "Delorme", "Estève", "Fabre", "Garnier", "Hamidi", "Izard",
     "Jourdan", "Kessler", "Lacombe", "Marchand", "Navarro", "Ollivier",
 )  # fmt: skip
-HEADLINES = {
-    "right": "RIGHT: the light is computed correctly.",
-    "wrong": "WRONG: the light is not computed correctly.",
-    "cannot tell": "CANNOT TELL from this whether the light is computed correctly.",
-}
-OBSERVED = [
-    "the lit part of the floor is 1.42 times too bright, more so far from the light",
-    "the penumbra on the floor is 1.31 times too bright",
-    "the noise at N = 16 is that of about N = 4",
-]
 FACT = "the picture is upside down: its first row is the lowest"
 PROBLEM = {"code": "time_limit", "text": "It took longer than the 60 s that a picture may take."}
 
@@ -99,6 +94,7 @@ def submission(
     word = "cannot tell" if failed else verdict or ("wrong" if mistakes else "right")
     claims = [_claim(claim, word, mistakes, failed, hint) for claim in RUBRIC]
     first = mistakes[0] if mistakes else ""
+    why = found(word, mistakes)
     return {
         "id": name,
         "kind": "none" if failed else "images",
@@ -106,12 +102,12 @@ def submission(
         "problem": PROBLEM if failed else None,
         "verdict": word,
         "confidence": 0.5 if word == "cannot tell" else 0.9996,
-        "headline": PROBLEM["text"] if failed else HEADLINES[word],
-        "text": PROBLEM["text"] + "\n" if failed else text(word, mistakes, hint),
+        "headline": PROBLEM["text"] if failed else headline(why),
+        "text": PROBLEM["text"] + "\n" if failed else text(why, hint),
         "mistakes": list(mistakes),
         "titles": [title(m) for m in mistakes],
         "perhaps": [],
-        "alike": [["no_surface_cosine"]] if mistakes else [],
+        "alike": [["no_receiver_cosine"]] if mistakes else [],
         "facts": [] if failed else [FACT],
         "same_as": list(same_as),
         "other_scenes": [],
@@ -125,39 +121,45 @@ def submission(
             {"name": p, "light_samples": 16, "pixel_samples": 1, "thumbnail": thumbnail(first, p)}
             for p in pictures
         ],
-        "evidence": None if failed else evidence(word, mistakes),
+        "evidence": None if failed else evidence(why),
     }
 
 
-def evidence(word: str, mistakes: tuple[str, ...]) -> dict[str, Any]:
+def found(word: str, mistakes: tuple[str, ...]) -> Verdict:
+    """As a check would have it: too bright if wrong."""
     wrong = word == "wrong"
-    return {
-        "verdict": word,
-        "mistakes": list(mistakes),
-        "observed": OBSERVED if wrong else [],
-        "runners_up": [[["inverse_distance"], 12.3], [["area_missing"], 3.1e5]] if wrong else [],
-        "settle": [] if wrong else ["a picture with at least 16 light samples"],
-    }
+    ratio = 1.42 if wrong else 1.0
+    return Verdict(
+        verdict=word,
+        confidence=0.9996,
+        mistakes=mistakes,
+        perhaps=(),
+        several=False,
+        alike=(("no_receiver_cosine",),) if wrong else (),
+        facts=(("flip_y", FACT),),
+        regions=(
+            Region("the lit part of the floor", "lit", ratio, 0.001, 1.0, 0.2, 5000),
+            Region("the penumbra on the floor", "penumbra", ratio - 0.1 * wrong, 0.005, 1, 0, 900),
+        ),
+        effective_samples=4.0 if wrong else 16.0,
+        detectable_brightness=0.006,
+        detectable_samples=12.8,
+        runners_up=((("area_halved",), 12.3), (("divided_by_pi",), 3.1e5)) if wrong else (),
+        hidden=() if wrong else ("area_by_norms",),
+        settle=() if wrong else (WORDS["settle_scene"].format(scene="tp3_sheared.json"),),
+        loose=0.05 if "unknown" in mistakes else 0.0,
+        beside=0.0,
+        variant=Variant(),
+        scene="tp3",
+        command="penumbra exact scenes/tp3.json -o tp3.exr && penumbra png tp3.exr -o tp3.png",
+        nb_light_samples=16,
+    )
 
 
-def text(word: str, mistakes: tuple[str, ...], hint: int) -> str:
-    """As compare.check.explanation has it, at that level."""
-    sure = "" if word == "cannot tell" else " (confidence above 99.9%)"
-    lines = [HEADLINES[word] + sure]
-    known = [mistake(name) for name in mistakes if name != "unknown"]
-    if hint >= 2 and known:
-        lines += ["", "Observed:", *(f"  {said}" for said in OBSERVED), "", "Cause:"]
-        for m in known:
-            lines += [f"  {m.title}", f"    {m.cause}"]
-            if hint >= 3:
-                lines += [f"    yours  {m.wrong}", f"    right  {m.right}"]
-            lines += [f"    Reread: {m.step} of the handout; docs/estimator.md."]
-    elif hint == 1 and known:
-        lines += ["", "Look at: how bright the picture is, apart from its noise."]
-        lines += [f"  {m.step}" for m in known]
-    if hint >= 1:
-        lines += ["", "The picture (no fault of the light):", f"  {FACT}"]
-    return "\n".join(lines) + "\n"
+def evidence(verdict: Verdict) -> dict[str, Any]:
+    """As JSON holds it"""
+    whole = asdict(verdict) | {"observed": observations(verdict)}
+    return json.loads(json.dumps(whole))
 
 
 def _claim(
@@ -183,15 +185,9 @@ def _claim(
     return {"id": claim, "title": name, "state": state, "points": points, "of": of, "why": why}
 
 
-def mistake(name: str) -> Mistake:
-    return catalogue().mistakes[name]
-
-
-def title(name: str) -> str:
-    return "unknown" if name == "unknown" else mistake(name).title
-
-
-def room(count: int, hint: int = 1, thumbnail: Thumbnail = plain_thumbnail) -> dict[str, Any]:
+def students(
+    count: int, hint: int = 1, thumbnail: Thumbnail = plain_thumbnail
+) -> list[dict[str, Any]]:
     """As classes are: half of it right, a few mistakes common and many rare, some that cannot be
     told or judged. The same students each time."""
     chance = random.Random(20261127)
@@ -212,4 +208,4 @@ def room(count: int, hint: int = 1, thumbnail: Thumbnail = plain_thumbnail) -> d
             submission(name, mistakes, hint, verdict=verdict, failed=0.47 <= kind < 0.5,
                        thumbnail=thumbnail)
         )  # fmt: skip
-    return grades(made, hint)
+    return made

@@ -35,6 +35,8 @@ STATE_ALONE = {
 MOST_MISTAKES, MOST_PICTURES, MOST_CLAIMS = 8, 3, 8
 """Mistakes at the top and pictures in a row, above which the others are folded away; claims, above
 which the table scrolls by itself"""
+MOST_LINES = 14
+"""Of text, above which it is printed in two columns to keep a sheet to one page"""
 LONGEST_NAME = 120
 """Of a sheet's file, without its hash [bytes]: file systems allow 255"""
 HASHED = re.compile(r"-[0-9a-f]{12}$")
@@ -110,11 +112,12 @@ def file_names(ids: Sequence[str]) -> dict[str, str]:
 
 def _short(name: str) -> str:
     kept = re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFKC", name))
-    return kept.encode()[:LONGEST_NAME].decode(errors="ignore").strip("._-") or "submission"
+    short = kept.encode()[:LONGEST_NAME].decode(errors="ignore").strip("._-") or "submission"
+    return "_" + short if RESERVED.match(short) else short
 
 
 def _told_apart(name: str, short: str, count: Counter[str]) -> str:
-    if count[short.casefold()] == 1 and not HASHED.search(short) and not RESERVED.match(short):
+    if count[short.casefold()] == 1 and not HASHED.search(short):
         return short
     return f"{short}-{hashlib.sha256(name.encode(errors='surrogatepass')).hexdigest()[:12]}"
 
@@ -153,6 +156,7 @@ def _sheet(submission: dict[str, Any], hint: int) -> dict[str, Any]:
         "tone": VERDICTS[_verdict(clean)],
         "headline": clean["problem"]["text"] if failed else said[0][0]["text"],
         "said": said[1:] if hint >= WHERE else [],
+        "long": sum(map(len, said)) > MOST_LINES,
         "points": clean["points"],
         "of": clean["of"],
         "claims": [_claim(claim, hint >= WHERE, clean["headline"]) for claim in clean["claims"]],

@@ -84,6 +84,7 @@
     });
   }
   filters.hidden = false;
+  document.getElementById("unscripted").remove();
   filters.addEventListener("input", filter);
   filters.addEventListener("submit", (event) => event.preventDefault());
   filters.addEventListener("reset", () => setTimeout(filter));
