@@ -455,9 +455,7 @@ def test_thumbnails_are_small_jpegs(graded: tuple[Path, dict[str, Any]]) -> None
 # ---------------------------------------------------------------- programs
 
 
-def test_programs_are_built_run_and_graded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_programs_are_built_run_and_graded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One right, and one that overwrites what earlier lights brought, which only scenes of two
     lights show: by two pictures, of the lab's scene and of such a one. What is said of them holds
     no time."""

@@ -49,7 +49,7 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="the class's submissions")
     parser.add_argument(
         "-o", "--out", type=Path, required=True, metavar="OUT",
-        help="folder of the results: grades.json, grades.csv",
+        help="folder of the results: index.html, sheets, grades.json, grades.csv",
     )  # fmt: skip
     parser.add_argument(
         "--one", action="store_true", help="FOLDER itself is the only submission, for autograders"
@@ -90,6 +90,7 @@ def run(options: argparse.Namespace) -> int:
     from penumbra.grading.gradebook import GRADES, TABLE, Class, grade_class
     from penumbra.grading.rubric import SHIPPED, read_rubric
     from penumbra.grading.submission import entries
+    from penumbra.report.class_page import write_class
 
     out: Path = options.out
     if out.exists() and not out.is_dir():
@@ -110,8 +111,9 @@ def run(options: argparse.Namespace) -> int:
             bar.update(done - bar.n)
 
         grades = grade_class(found, asked, out, scheduler, options.jobs, progress)
+    write_class(out, grades)
     print(summary(grades), end="")
-    print(f"written: {out / GRADES}, {out / TABLE}")
+    print(f"written: {out / 'index.html'}, {out / GRADES}, {out / TABLE}")
     return PASS
 
 
