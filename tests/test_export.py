@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import jsonschema
 import pytest
 import xmlschema
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from penumbra.__main__ import main
@@ -152,6 +152,7 @@ def test_vpl_grade_is_of_the_activity(best: str, grade: str, export: Export) -> 
     assert vpl_reads(export("vpl", [submission("a", "rsssss")], "--out-of", best))[0] == grade
 
 
+@settings(deadline=None)
 @given(st.text(), st.text(st.sampled_from("\r\n\x0b\x0c\x1c\x85\u2028:=>Grade <|-")))
 def test_no_text_forges_a_vpl_grade(words: str, tags: str) -> None:
     """Nor a title that takes points off, which ends in a negative number in brackets."""
@@ -194,6 +195,7 @@ def test_junit_says_what_failed_and_skips_what_cannot_be_told(export: Export) ->
     assert suite is not None and suite.attrib["skipped"] == "1" and suite.attrib["name"] == "a"
 
 
+@settings(deadline=None)
 @given(st.text(st.characters()))
 def test_junit_is_xml_whatever_is_in_it(evil: str) -> None:
     one = submission(evil, "rscmss", headline=evil, text=evil)
@@ -385,6 +387,7 @@ class Tags(html.parser.HTMLParser):
         assert not attributes
 
 
+@settings(deadline=None)
 @given(st.text(), st.text(st.sampled_from("=+-@\t\r\n\"\\<>&'")))
 def test_feedback_is_one_line_of_harmless_html(words: str, signs: str) -> None:
     """No markup but our own, no formula for a spreadsheet, no backslash before a quote."""

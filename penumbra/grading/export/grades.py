@@ -130,8 +130,8 @@ def scaled(points: int, of: int, out_of: Fraction | None) -> str:
 
     Halves are rounded up, as people do. out_of: the tool's best grade; None: the rubric's own.
 
-    >>> scaled(14, 20, None), scaled(14, 20, Fraction(100)), scaled(1, 3, Fraction(1))
-    ('14', '70', '0.33')
+    >>> scaled(14, 20, None), scaled(14, 20, Fraction(100)), scaled(1, 8, Fraction(1))
+    ('14', '70', '0.13')
     """
     exact = Fraction(points) if out_of is None else Fraction(points, of) * out_of
     hundredths = int(exact * 100 + Fraction(1, 2))
