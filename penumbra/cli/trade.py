@@ -14,6 +14,7 @@ from penumbra.cli.arguments import (
     errors,
     positive,
     sample_counts,
+    scene_path,
     seconds,
 )
 from penumbra.cli.exit import PASS
@@ -42,7 +43,7 @@ def add(subcommands: Subcommands) -> None:
     )
     parser.add_argument(
         "--verify",
-        type=Path,
+        type=scene_path,
         nargs="+",
         default=[],
         metavar="SCENE",

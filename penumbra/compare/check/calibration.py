@@ -430,7 +430,7 @@ def study(
 
     Raises MissingProgramError, JournalError, OSError."""
     specimens = few() if reduced else draw(cases, correct, seed)
-    own = sorted((ROOT / "penumbra" / "compare" / "check").glob("*.py"))
+    own = sorted(Path(__file__).parent.glob("*.py"))
     version = file_hash(*own, FILE, LIBRARY)[:12]
     records = []
     with Journal(out.with_suffix(".journal")) as journal, tempfile.TemporaryDirectory() as folder:

@@ -15,7 +15,7 @@ import cffi
 import numpy as np
 
 from penumbra.compare.measure.image import read_image
-from penumbra.compare.run.provenance import ROOT
+from penumbra.compare.run.provenance import HOW_TO_BUILD, ROOT
 from penumbra.compare.run.renderers import MissingProgramError, RendererError
 
 SOURCES = ROOT / "c_renderer" / "src"
@@ -241,18 +241,28 @@ def declarations(headers: tuple[str, ...], real: str) -> str:
 @cache
 def opened(precision: str) -> tuple[cffi.FFI, Any]:
     """A precision's library, once, and its types. Raises MissingProgramError."""
+    real = "float" if precision == PRECISIONS[0] else "double"
+    return load(build_of(LIBRARY, precision), HEADERS, real)
+
+
+def load(file: Path, headers: tuple[str, ...], real: str) -> tuple[cffi.FFI, Any]:
+    """A library that the headers declare, and its types. Raises MissingProgramError."""
     ffi = cffi.FFI()
-    ffi.cdef(declarations(HEADERS, "float" if precision == PRECISIONS[0] else "double"))
-    file = build_of(LIBRARY, precision)
     try:
-        return ffi, ffi.dlopen(str(file))
+        library = ffi.dlopen(str(file))
     except OSError as error:
-        raise MissingProgramError(f"{file}: {error}: run `make build`") from error
+        raise MissingProgramError(f"{file}: {error}: {HOW_TO_BUILD}") from error
+    ffi.cdef(declarations(headers, real))
+    return ffi, library
 
 
 def read_by_c(scene_file: Path, precision: str = PRECISIONS[0]) -> Any:
-    """The C reader's Scene *, freed when it is no longer used. Raises RendererError."""
-    ffi, library = opened(precision)
+    """The C reader's Scene *. Raises RendererError, MissingProgramError."""
+    return read_scene(scene_file, *opened(precision))
+
+
+def read_scene(scene_file: Path, ffi: cffi.FFI, library: Any) -> Any:
+    """A library's Scene *, freed when it is no longer used. Raises RendererError."""
     message = ffi.new("char[1024]")
     scene = ffi.gc(ffi.new("Scene *"), library.scene_free)
     if not library.scene_read(str(scene_file).encode(), scene, ffi.NULL, message, len(message)):

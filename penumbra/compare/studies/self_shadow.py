@@ -435,4 +435,4 @@ def _library(precision: str) -> tuple[cffi.FFI, Any]:
     try:
         return ffi, ffi.dlopen(str(file))
     except OSError as error:
-        raise MissingProgramError(f"{file}: {error}: run `make build`") from error
+        raise MissingProgramError(f"{file}: {error}: {provenance.HOW_TO_BUILD}") from error
