@@ -297,7 +297,7 @@ build/wheel/made: CMakeLists.txt pyproject.toml $(MISTAKES_SOURCES) \
 	rm -rf $(@D)
 	.venv/bin/pip wheel --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation \
 	    --wheel-dir $(@D)/unrepaired .
-	PATH="$(CURDIR)/.venv/bin:$$PATH" .venv/bin/auditwheel --quiet repair --wheel-dir $(@D) \
+	PATH="$(CURDIR)/.venv/bin:$$PATH" .venv/bin/auditwheel repair --wheel-dir $(@D) \
 	    $(@D)/unrepaired/*.whl
 	@touch $@
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from penumbra.compare.measure.image import Image, read_image
 from penumbra.compare.run.output import write_whole
-from penumbra.compare.run.provenance import file_hash, how_to_install
+from penumbra.compare.run.provenance import INSTALLED, file_hash, how_to_install
 from penumbra.compare.scene import Scene, read_scene
 
 PACKAGE = Path(__file__).resolve().parent
@@ -37,7 +37,8 @@ class MissingBlender(ImportError):
             f"Cycles cannot run: {reason} (Python {platform.python_version()}, "
             f"{platform.system()} {platform.machine()}). bpy needs Python 3.11 (bpy 4.5) or "
             "3.13 (bpy 5.2), and there is none for Linux on Arm; with one of these, "
-            f"{how_to_install('cycles')}. Without it, use the references in blender_ref/shipped."
+            f"{how_to_install('cycles')}"
+            + ("" if INSTALLED else ". Without it, use the references in blender_ref/shipped.")
         )
 
 

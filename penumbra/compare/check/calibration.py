@@ -43,6 +43,7 @@ from penumbra.compare.check.specimens import GENERATORS, Maker, Specimen
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, verdict
 from penumbra.compare.check.view import View
 from penumbra.compare.run.journal import Journal
+from penumbra.compare.run.library import PRECISIONS, opened
 from penumbra.compare.run.output import write_json
 from penumbra.compare.run.provenance import ROOT, file_hash, origin
 from penumbra.compare.scene import read_scene
@@ -429,6 +430,8 @@ def study(
     """Draw, judge, sum up, write. A run that was stopped goes on where it was.
 
     Raises MissingProgramError, JournalError, OSError."""
+    for precision in PRECISIONS:
+        opened(precision)  # if the C renderer is missing, that is said now
     specimens = few() if reduced else draw(cases, correct, seed)
     own = sorted(Path(__file__).parent.glob("*.py"))
     version = file_hash(*own, FILE, LIBRARY)[:12]

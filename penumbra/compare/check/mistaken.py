@@ -13,7 +13,7 @@ import numpy as np
 from penumbra.compare.check.catalogue import MODULES, Variant
 from penumbra.compare.check.grid import Grid
 from penumbra.compare.check.quadrature import Sites
-from penumbra.compare.run.library import load, read_scene
+from penumbra.compare.run.library import declarations, load, read_scene
 from penumbra.compare.run.provenance import ROOT
 from penumbra.compare.run.renderers import MissingProgramError
 
@@ -24,7 +24,9 @@ HEADERS = ("../mistakes/mistakes.h", "io/scene_json.h")
 @cache
 def opened() -> tuple[cffi.FFI, Any]:
     """The library of mistakes, once, and its types. Raises MissingProgramError."""
-    return load(LIBRARY, HEADERS, "double")
+    ffi, library = load(LIBRARY)
+    ffi.cdef(declarations(HEADERS, "double"))
+    return ffi, library
 
 
 @cache

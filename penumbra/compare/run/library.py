@@ -241,19 +241,21 @@ def declarations(headers: tuple[str, ...], real: str) -> str:
 @cache
 def opened(precision: str) -> tuple[cffi.FFI, Any]:
     """A precision's library, once, and its types. Raises MissingProgramError."""
-    real = "float" if precision == PRECISIONS[0] else "double"
-    return load(build_of(LIBRARY, precision), HEADERS, real)
+    ffi, library = load(build_of(LIBRARY, precision))
+    ffi.cdef(declarations(HEADERS, "float" if precision == PRECISIONS[0] else "double"))
+    return ffi, library
 
 
-def load(file: Path, headers: tuple[str, ...], real: str) -> tuple[cffi.FFI, Any]:
-    """A library that the headers declare, and its types. Raises MissingProgramError."""
+def load(file: Path) -> tuple[cffi.FFI, Any]:
+    """A library, and where its types and functions are to be declared. Raises
+    MissingProgramError."""
+    if not file.is_file():
+        raise MissingProgramError(f"{file} is not there: {HOW_TO_BUILD}")
     ffi = cffi.FFI()
     try:
-        library = ffi.dlopen(str(file))
+        return ffi, ffi.dlopen(str(file))
     except OSError as error:
         raise MissingProgramError(f"{file}: {error}: {HOW_TO_BUILD}") from error
-    ffi.cdef(declarations(headers, real))
-    return ffi, library
 
 
 def read_by_c(scene_file: Path, precision: str = PRECISIONS[0]) -> Any:

@@ -30,13 +30,13 @@ def how_to_install(extra: str) -> str:
     return f"run pip install 'penumbra[{extra}]'" if INSTALLED else "run ./setup.sh"
 
 
-def typed(scene_file: Path) -> str:
+def typed(scene_file: str | Path) -> str:
     """A scene file as commands take it: one of our own on every machine alike.
 
     >>> typed(ROOT / "scenes" / "tp3.json")
     'scenes/tp3.json'
     """
-    absolute = scene_file.resolve()
+    absolute = Path(scene_file).resolve()
     own = absolute.is_relative_to(ROOT / "scenes")
     return str(absolute.relative_to(ROOT) if own else scene_file)
 
