@@ -18,6 +18,8 @@ from penumbra.cli import (
     compare,
     converge,
     exact,
+    export,
+    grade,
     png,
     profile,
     reference,
@@ -33,7 +35,7 @@ from penumbra.cli.exit import EXTRA_OF, MISSING, SIGNALLED, USAGE, UsageError
 from penumbra.compare.run.provenance import VERSION, how_to_install
 
 SUBCOMMANDS = (
-    *(scene, reference, exact, compare, check, calibrate, png),
+    *(scene, reference, exact, compare, check, grade, export, calibrate, png),
     *(converge, speedup, trade, profile, stability, self_shadow, report),
 )
 """In the order of the help"""

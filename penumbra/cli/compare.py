@@ -33,6 +33,10 @@ def add(subcommands: Subcommands) -> None:
     )
     parser.add_argument("--scene", type=scene_path, required=True, help=f"of both: {SCENE_FILES}")
     parser.add_argument(
+        "--delta", type=_delta, metavar="D",
+        help="the bias, relative to a region's mean, that still agrees [0.0005; Cycles 0.001]",
+    )  # fmt: skip
+    parser.add_argument(
         "--json", type=named(".json"), metavar="OUT", help="write the result as JSON too"
     )
     parser.add_argument(
@@ -46,7 +50,11 @@ def run(options: argparse.Namespace) -> int:
     from penumbra.compare.run.provenance import origin
 
     result = compare_files(
-        options.image, options.reference, options.scene, perceptual=options.perceptual
+        options.image,
+        options.reference,
+        options.scene,
+        delta=options.delta,
+        perceptual=options.perceptual,
     )
     for note in result.notes:
         print(f"penumbra: {note}", file=sys.stderr)
@@ -64,3 +72,13 @@ def run(options: argparse.Namespace) -> int:
         }
         write_json(options.json, content)
     return result.exit_status
+
+
+def _delta(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f'"{text}" is not a share like 0.01, above 0 and below 1')
+    return value

@@ -24,6 +24,7 @@ from scipy import stats
 from tqdm import tqdm
 
 from penumbra.compare.check.catalogue import FILE, RIGHT, SPLIT, Variant, catalogue
+from penumbra.compare.check.checking import Checker
 from penumbra.compare.check.diagnosis import (
     ACCUSED,
     COARSE_GRID,
@@ -36,9 +37,7 @@ from penumbra.compare.check.diagnosis import (
     singles,
 )
 from penumbra.compare.check.diagnosis import _sensible as sensible
-from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.mistaken import LIBRARY
-from penumbra.compare.check.picture import Picture
 from penumbra.compare.check.specimens import GENERATORS, Maker, Specimen
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, verdict
 from penumbra.compare.check.view import View
@@ -58,7 +57,6 @@ CLEAR = 2.0
 FROM = 16
 """Light samples from which every mistake that shows must be found"""
 CONFIDENCE = 0.95
-KEPT_VIEWS = 24
 JOBS = 2
 COMMON = (
     ("domain", "diagonal"), ("domain", "corner"), ("domain", "about_corner"),
@@ -333,28 +331,16 @@ class Bench:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._views: dict[tuple[Any, ...], View] = {}
+        self.checker = Checker()
 
     def judge(self, specimen: Specimen) -> dict[str, Any]:
         """What a check says of it, and how far it should be able to tell."""
-        scene = read_scene(specimen.scene_file)
-        pictures = specimen.pictures(scene, self.folder)
-        if specimen.fitted:
-            single = next((p for p in pictures if p.samples_per_pixel == 1), None)
-            first = fit_grid(single, scene) if single else None
-            grids = [
-                first if first and p.samples_per_pixel == 1 else fit_grid(p, scene)
-                for p in pictures
-            ]
-        else:
-            grids = [(specimen.grid(p.samples_per_pixel), 0) for p in pictures]
-        fresh = specimen.variant.colour != RIGHT
-        views = [
-            self.view(specimen, picture, grid, fresh)
-            for picture, (grid, _) in zip(pictures, grids, strict=True)
-        ]
+        scene_file = specimen.scene_file
+        pictures = specimen.pictures(self.checker.scene(scene_file), self.folder)
+        given = [(specimen.grid(p.samples_per_pixel), 0) for p in pictures]
+        views, grids = self.checker.look(pictures, scene_file, None if specimen.fitted else given)
         diagnosis = diagnose(views, without=specimen.without)
-        said = verdict(diagnosis, grids, specimen.scene_file)
+        said = verdict(diagnosis, grids, scene_file)
         best = diagnosis.best.variant
         expected = [gain(view, specimen.variant, Variant()) for view in views]
         from_best = [gain(view, specimen.variant, best) for view in views]
@@ -373,19 +359,6 @@ class Bench:
             "facts": [code for code, _ in said.facts],
             "miss": [miss for _, miss in grids],
         }
-
-    def view(self, specimen: Specimen, picture: Picture, grid: Grid, fresh: bool) -> View:
-        """One of the same rays, with this picture."""
-        key = (specimen.scene, picture.values.shape, replace(grid, jittered=False))
-        if key not in self._views or fresh:
-            if len(self._views) >= KEPT_VIEWS:
-                self._views.pop(next(iter(self._views)))
-            scene = read_scene(specimen.scene_file)
-            view = View(picture, grid, scene, specimen.scene_file, FINE_GRID)
-            if fresh:
-                return view
-            self._views[key] = view
-        return self._views[key].of(picture, grid)
 
 
 _bench: Bench | None = None

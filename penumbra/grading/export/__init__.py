@@ -1,0 +1,1 @@
+"""grades.json in the words of the tools that instructors have."""
