@@ -16,7 +16,7 @@ NAME = "<b>cos & sin"
 MEASURED = {
     "origin": {},
     "settings": {"scenes": ["tp3", "tp3_sheared"], "light_samples": [1, 16]},
-    "correct": {"n": 500, "accused": 0, "cannot_tell": 12, "upper": 0.006},
+    "correct": {"n": 500, "accused": 0, "cannot_tell": 12, "upper": 0.00591},
     "detected": {"n": 200, "found": 199, "low": 0.972, "high": 0.9999},
     "named": {"n": 199, "first": 193, "low": 0.936, "high": 0.988},
     "confusion": {"rows": [NAME, "b"], "columns": [NAME, "b"], "counts": [[9, 1], [0, 10]]},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from penumbra.report.inputs import Data, Input
@@ -21,7 +22,7 @@ def check(data: Data) -> dict[str, Any]:
     measured = data[CALIBRATION]
     correct, unknown = measured["correct"], measured["unknown"]
     return {
-        "correct": correct | {"upper": percent(correct["upper"])},
+        "correct": correct | {"upper": percent(math.ceil(1000 * correct["upper"]) / 1000)},
         "rates": [
             _rate("wrong renderers that are called wrong", measured["detected"], "found"),
             _rate("of these, the right name (or its class) first", measured["named"], "first"),

@@ -83,7 +83,7 @@ def predict(
     quick: clamps act on normal distributions only.
     """
     lights = surface_lights(around.scene)
-    total, spread, between = np.zeros_like(around.distance), 0.0, 0.0
+    total, spread, between = (np.zeros_like(around.distance) for _ in range(3))
     parts = []
     colour = np.asarray(variant["colour"].evaluate(0, c=around.flat_colour), float)
     if colour.ndim == 0:
@@ -109,7 +109,7 @@ def predict(
             )
         between = between + mean
         parts.append((p, shaded, variance, fixed))
-    mean, var = total, np.asarray(spread)
+    mean, var = total, spread
     if "unclamped" in variant.weight:
         mean, var = np.maximum(mean, 0), np.where(mean > 0, var, 0)
     across = around.slope * between**2 if jittered else np.zeros_like(mean)

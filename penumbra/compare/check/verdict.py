@@ -259,7 +259,8 @@ def _plausible_power(lead: View, factor: float) -> bool:
     """Whether somebody would type such a power (or of several lights such a factor): a number of
     one or two digits, but for the fit's own error."""
     lights = [lead.scene.lights[i] for i in surface_lights(lead.scene)]
-    power = factor * (max(lights[0].radiance) if len(lights) == 1 else 1)  # type: ignore[union-attr]
+    own = float(np.max(lights[0].radiance)) if len(lights) == 1 else 1.0  # type: ignore[union-attr]
+    power = factor * own
     digits = 10 ** (math.floor(math.log10(power)) - 1)
     near = 0.012 if lead.picture.jpeg else 0.006
     return abs(power / digits - round(power / digits)) * digits < near * power
@@ -272,8 +273,8 @@ def _misfit(view: View, variant: Variant) -> float:
 def _strange(lead: View, grids: Sequence[tuple[Grid, int]]) -> bool:
     """Whether the picture's outline is not the scene's."""
     background = lead.picture.background
-    edge = np.count_nonzero(background[1:] != background[:-1])
-    edge += np.count_nonzero(background[:, 1:] != background[:, :-1])
+    edge = int(np.count_nonzero(background[1:] != background[:-1]))
+    edge += int(np.count_nonzero(background[:, 1:] != background[:, :-1]))
     miss = min(miss for _, miss in grids)
     return miss > STRANGE * max(edge, 1) + 20
 
