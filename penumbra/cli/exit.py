@@ -11,6 +11,7 @@ Ctrl-C)."""
 EXTRA_OF = {
     "bpy": "cycles",
     **dict.fromkeys(("colour", "flip_evaluator"), "perceptual"),
+    **dict.fromkeys(("cryptography", "dask", "distributed"), "class"),
     **dict.fromkeys(("jinja2", "markupsafe", "matplotlib"), "report"),
 }
 """Modules that do not come with every use, and the extra of pyproject.toml that brings them"""
