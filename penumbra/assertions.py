@@ -115,9 +115,9 @@ def assert_agrees(
 ) -> None:
     """An image shows the reference's radiance, in every region, as `penumbra compare` says.
 
-    image, reference: files or arrays, as of assert_right; reference may be "exact". delta: the
-    bias, relative to a region's mean, that still agrees; 0.0005 unless it is given (0.001 where
-    one of the two is Cycles'). The image's noise must be small enough to tell.
+    image, reference: files that `penumbra compare` reads, or arrays; reference may be "exact".
+    delta: the bias, relative to a region's mean, that still agrees; 0.0005 unless it is given
+    (0.001 where one of the two is Cycles'). The image's noise must be small enough to tell.
 
     Raises Refuted, CannotTell; ComparisonError, ImageError, SceneError, ValueError for what cannot
     be compared.
@@ -158,19 +158,20 @@ def assert_noise_falls(
     seeds: int = 4,
     tolerance: float = 0.1,
     scene: str | Path = "tp3",
+    hint: int = 3,
 ) -> None:
     """The noise falls with the number N of light samples at least as fast as N^slope.
 
-    render: render(light_samples, seed), which gives a file or an array as of assert_right, and is
-    called `seeds` times for each N, each time with another seed; or the pictures themselves,
-    N -> four or more of different seeds. Noise is what differs between two pictures of one N, so
-    that neither a bias nor another pixel grid counts: compare.measure.noise. The slope is that of
-    a straight line through the logarithms, with its 95% interval (compare.measure.slope): the
-    noise falls if all of it is below slope + tolerance, and does not if all of it is above. slope:
-    -0.5 for independent samples; well-spread ones fall faster, and pass. scene: for the command
-    that is said to show it.
+    render: render(light_samples, seed), which gives a file that `penumbra compare` reads or an
+    array, and is called `seeds` times for each N, each time with another seed; or the pictures
+    themselves, N -> four or more of different seeds. Noise is what differs between two pictures of
+    one N, so that neither a bias nor another pixel grid counts: compare.measure.noise. The slope is
+    that of a straight line through the logarithms, with its 95% interval (compare.measure.slope):
+    the noise falls if all of it is below slope + tolerance, and does not if all of it is above.
+    slope: -0.5 for independent samples; well-spread ones fall faster, and pass. scene, hint: of the
+    command that is said to show it, and of its page.
 
-    Raises Refuted; CannotTell, which says how many seeds to give; ImageError, RendererError,
+    Raises Refuted; CannotTell, which says how many seeds to give; ImageError, NoiseError,
     ValueError for pictures that cannot be used.
     """
     __tracebackhide__ = True
@@ -208,12 +209,12 @@ def assert_noise_falls(
         from penumbra.compare.check.checking import check
         from penumbra.report.check_page import write_page
 
-        write_page(page, check([file], _scene_file(scene), most), 3)
+        write_page(page, check([file], _scene_file(scene), most), hint)
 
     raise (Refuted if refuted else CannotTell)(
         f"{sentence}\n{table}",
         kept.visible(file),
-        _check_command([file], scene, most, None, 3),
+        _check_command([file], scene, most, None, hint),
         write_page,
     )
 

@@ -11,6 +11,8 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +26,12 @@ from penumbra.compare.check.specimens import Specimen
 from penumbra.compare.run.provenance import ROOT
 from penumbra.compare.run.tasks import Lost, Task
 from penumbra.grading import gradebook, submission
+from penumbra.grading.cage import Limits, MissingCageError
 from penumbra.grading.grade import Options, PatternError, judge, pattern_of
 from penumbra.grading.gradebook import Class, grade_class
 from penumbra.grading.rubric import read_rubric
 from penumbra.grading.submission import FolderError, entries, read, shown
-from tests.classroom import SMALL, Seat, broken, pictures, seat
+from tests.classroom import HOSTILE, SMALL, Seat, broken, hostile, pictures, programs, seat
 
 TP3 = ROOT / "scenes" / "tp3.json"
 OPTIONS = Options("scenes/tp3.json", TP3.read_bytes())
@@ -447,3 +450,86 @@ def test_thumbnails_are_small_jpegs(graded: tuple[Path, dict[str, Any]]) -> None
     assert pictures
     assert all(p["thumbnail"].startswith("data:image/jpeg;base64,") for p in pictures)
     assert np.mean([len(p["thumbnail"]) for p in pictures]) < 8000
+
+
+# ---------------------------------------------------------------- programs
+
+
+def test_programs_are_built_run_and_graded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One right, and one that overwrites what earlier lights brought, which only scenes of two
+    lights show: by two pictures, of the lab's scene and of such a one. What is said of them holds
+    no time."""
+    monkeypatch.setattr("penumbra.grading.grade.ASKED_FOR", 2)
+    folder = tmp_path / "class"
+    made = [one for one in programs(folder, 8) if one.truth in ((), ("only_one_light",))]
+    right, one_light = (judge((read(folder / made[i].id), OPTIONS)) for i in (0, -1))
+    assert right["kind"] == "program" and right["verdict"] == "right"
+    states = {claim: state["state"] for claim, state in right["states"].items()}
+    assert states.pop("threads") != "refuted"
+    assert set(states.values()) == {"shown"}
+    assert one_light["mistakes"] == ["only_one_light"]
+    states = {claim: state["state"] for claim, state in one_light["states"].items()}
+    assert states["other_lights"] == "refuted" and states["light_mean"] == "shown"
+    for said in (right, one_light):
+        text = json.dumps(said)
+        assert "seconds" not in text and "times as fast" not in text and str(tmp_path) not in text
+        assert len(said["pictures"]) == 2
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_program_is_said_to_be_what_it_is(tmp_path: Path, name: str) -> None:
+    """tests/test_cage.py holds that it does no harm."""
+    found = {one.id.partition("_")[2]: one for one in hostile(tmp_path)}[name]
+    limits = Limits(seconds=3.0, memory=256 << 20, disk=16 << 20, file_size=8 << 20)
+    said = judge((read(tmp_path / found.id), replace(OPTIONS, limits=limits)))
+    assert said["kind"] == "program" and said["problem"]["code"] in found.codes
+    assert {state["state"] for state in said["states"].values()} == {"missing"}
+    assert said["problem"]["text"].endswith(".")
+
+
+def test_a_build_that_fails_is_shown(tmp_path: Path) -> None:
+    home = tmp_path / programs(tmp_path, 1)[0].id
+    (home / "mine.c").write_text("int main(void) { return nothing; }\n")
+    problem = judge((read(home), OPTIONS))["problem"]
+    assert problem["code"] == "build_failed" and "nothing" in problem["printed"]
+
+
+@pytest.mark.parametrize(
+    ("files", "code", "said"),
+    [
+        ({"penumbra.toml": "[program]\nrin = 'x'\n"}, "manifest", "penumbra.toml:2: rin: unknown"),
+        ({"a/penumbra.toml": "", "b/penumbra.toml": ""}, "manifest", "Hand in one program"),
+        ({"a.zip": "no", "b.tar": "no"}, "archive", "Hand in one archive"),
+        ({"a.zip": "no"}, "archive", "a.zip: "),
+        ({"report.pdf": "%PDF", "main.c": ""}, "no_image", "there is none in it"),
+        ({"final.png": "no"}, "no_image", "it holds final.png"),
+    ],
+)
+def test_what_was_handed_in_instead_is_said(
+    tmp_path: Path, files: dict[str, str], code: str, said: str
+) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    problem = judge((read(tmp_path), OPTIONS))["problem"]
+    assert problem["code"] == code and said in problem["text"]
+
+
+def test_an_archive_that_unpacks_outside_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "evil.zip", "w") as archive:
+        archive.writestr("../../n16_m1.png", b"x")
+    problem = judge((read(tmp_path), OPTIONS))["problem"]
+    assert problem["code"] == "archive" and "leads out of the folder" in problem["text"]
+
+
+def test_where_no_cage_works_programs_are_refused_and_pictures_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(trust: bool) -> None:
+        raise MissingCageError("nothing here can hold it")
+
+    monkeypatch.setattr("penumbra.grading.grade._cage", none)
+    with pytest.raises(MissingCageError):
+        judge((read(tmp_path / programs(tmp_path, 1)[0].id), OPTIONS))
+    seat(tmp_path, "a", RIGHT)
+    assert judge((read(tmp_path / "a"), OPTIONS))["verdict"] == "right"

@@ -104,21 +104,24 @@ def test_failures_say_verdict_picture_command_and_page(student: pytest.Pytester)
     assert names == [f"penumbra_{n}" for n in ("verdict", "picture", "command", "page")] * 2
 
 
-@pytest.mark.parametrize("missing", ["penumbra.report.check_page", ""])
+@pytest.mark.parametrize(
+    ("missing", "why"),
+    [("penumbra.report.check_page", "penumbra.report.check_page"), ("", "too small")],
+)
 def test_a_page_that_cannot_be_made_fails_no_report(
-    missing: str, student: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+    missing: str, why: str, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where a library of the page's is missing, or the folder is none."""
-    hand_in(student.path, Variant(average="n_no_effect"))
+    """Where a library of the page's is missing, or the picture tells too little for one."""
     if missing:
         monkeypatch.setitem(sys.modules, missing, None)
-    (student.path / "taken").touch()
-    folder = "pages" if missing else "taken"
-    result = student.runpytest_inprocess(*PLUGIN, "--penumbra-report", folder, "-k", "light_is")
-    result.assert_outcomes(failed=1, deselected=2)
-    result.stdout.re_match_lines_random(
-        [rf"page: none: .*({missing or 'taken'})", "picture: mine.png"]
+    pytester.makepyfile(
+        "import numpy, penumbra\n"
+        "def test_noise():\n"
+        "    penumbra.assert_noise_falls(lambda n, seed: numpy.full((20, 30, 3), 0.5))\n"
     )
+    result = pytester.runpytest_inprocess(*PLUGIN, "--penumbra-report", "pages")
+    result.assert_outcomes(failed=1)
+    result.stdout.re_match_lines_random([f"page: none: .*{why}", "picture: .*n064.png"])
 
 
 def test_plugin_is_an_entry_point_that_loads_nothing() -> None:

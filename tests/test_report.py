@@ -279,7 +279,7 @@ def test_contents_are_the_sections_in_their_order(page_file: Path) -> None:
     first = links.index(shown[0])
     assert links[first : first + len(shown)] == shown
     templates = {file.name.partition(".")[0] for file in TEMPLATES.glob("*.html.j2")}
-    parts = {"page", "macros", "frame", "comparer", "check_page"}
+    parts = {"page", "macros", "frame", "comparer", "check_page", "class_page", "class_sheet"}
     assert templates == {s.name for s in SECTIONS} | parts
 
 

@@ -3,6 +3,7 @@ make are stand-ins that write down how they were called."""
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
@@ -186,16 +187,11 @@ def pins() -> list[tuple[Requirement, list[str]]]:
 
 def direct_requirements() -> list[Requirement]:
     """Of every use, of each extra, and of development."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    lists = [
-        project["project"]["dependencies"],
-        *project["project"]["optional-dependencies"].values(),
-    ]
-    return [
-        Requirement(wanted)
-        for some in (*lists, *project["dependency-groups"].values())
-        for wanted in some
-    ]
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = told["project"]
+    groups = (project["optional-dependencies"] | told["dependency-groups"]).values()
+    every = map(Requirement, itertools.chain(project["dependencies"], *groups))
+    return [r for r in every if r.name != project["name"]]  # an extra that brings another
 
 
 def test_every_requirement_is_an_exact_version_with_hashes() -> None:

@@ -7,7 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from penumbra.cli.arguments import Subcommands, add_subcommand, positive, seconds
+from penumbra.cli.arguments import (
+    Subcommands,
+    add_scheduler,
+    add_subcommand,
+    positive,
+    scheduler_of,
+    seconds,
+)
 from penumbra.cli.check import scene_named
 from penumbra.cli.exit import PASS, UsageError
 
@@ -42,7 +49,7 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="the class's submissions")
     parser.add_argument(
         "-o", "--out", type=Path, required=True, metavar="OUT",
-        help="folder of the results: grades.json, grades.csv",
+        help="folder of the results: index.html, sheets, grades.json, grades.csv",
     )  # fmt: skip
     parser.add_argument(
         "--one", action="store_true", help="FOLDER itself is the only submission, for autograders"
@@ -63,7 +70,7 @@ def add(subcommands: Subcommands) -> None:
         help="how much students are told: 0 the verdict, 1 where to look, 2 the mistake and the "
         "step, 3 all [1]",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=positive, metavar="J", help="processes [one a core]")
+    add_scheduler(parser)
     limits = parser.add_argument_group(
         "programs", "A submitted program runs in a cage, each build and each picture within limits."
     )
@@ -83,26 +90,30 @@ def run(options: argparse.Namespace) -> int:
     from penumbra.grading.gradebook import GRADES, TABLE, Class, grade_class
     from penumbra.grading.rubric import SHIPPED, read_rubric
     from penumbra.grading.submission import entries
+    from penumbra.report.class_page import write_class
 
     out: Path = options.out
     if out.exists() and not out.is_dir():
         raise UsageError(f"-o {out}: is no folder, and the results are one")
-    rubric = read_rubric(options.rubric or SHIPPED)
+    scheduler = scheduler_of(options)
+    rubric_file: Path = options.rubric or SHIPPED
+    rubric = read_rubric(rubric_file)
     pattern_of(options.images)
     scene_file = checkable(options.scene)
     judged = Options(
         called(scene_file), scene_file.read_bytes(), options.images, options.trust, within(options)
     )
     asked = Class(judged, rubric, options.hint)
-    found = entries(options.folder, options.one, leave=[out])
+    found = entries(options.folder, options.one, leave=[out, rubric_file])
     with tqdm(total=len(found), file=sys.stderr, unit="submission") as bar:
 
         def progress(done: int, of: int) -> None:
             bar.update(done - bar.n)
 
-        grades = grade_class(found, asked, out, jobs=options.jobs, progress=progress)
+        grades = grade_class(found, asked, out, scheduler, options.jobs, progress)
+    write_class(out, grades)
     print(summary(grades), end="")
-    print(f"written: {out / GRADES}, {out / TABLE}")
+    print(f"written: {out / 'index.html'}, {out / GRADES}, {out / TABLE}")
     return PASS
 
 

@@ -6,11 +6,14 @@ machine. Points and hints are given afterwards (gradebook.py), so that another r
 
 from __future__ import annotations
 
+import atexit
 import base64
 import io
 import os
 import re
+import shutil
 import tempfile
+import threading
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
@@ -34,6 +37,7 @@ from penumbra.compare.check.program import FIRST
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, WRONG
 from penumbra.compare.check.view import View
 from penumbra.compare.measure.image import ImageError
+from penumbra.compare.run.output import write_whole
 from penumbra.compare.run.provenance import ROOT
 from penumbra.compare.run.renderers import Job, RendererError
 from penumbra.grading.archive import ending, unpack
@@ -256,8 +260,15 @@ def _listed(names: Sequence[str], lead: str) -> str:
 # ---------------------------------------------------------------- pictures
 
 
-_checker = cache(Checker)
-"""Of this process"""
+_of_thread = threading.local()
+_writing = threading.Lock()
+
+
+def _checker() -> Checker:
+    """What pictures of the same rays share, within a thread of a worker."""
+    _of_thread.checker = getattr(_of_thread, "checker", None) or Checker()
+    found: Checker = _of_thread.checker
+    return found
 
 
 def _of_pictures(handed: Sequence[Handed], notes: list[str], options: Options) -> dict[str, Any]:
@@ -404,21 +415,18 @@ def _scene_file(options: Options) -> Path:
     if own.is_file() and own.read_bytes() == options.scene_text:
         return own
     file = _scratch() / f"{sha256(options.scene_text).hexdigest()[:16]}.json"
-    if not file.exists():
-        part = file.with_suffix(".part")
-        part.write_bytes(options.scene_text)
-        os.replace(part, file)
+    with _writing:
+        if not file.exists():
+            write_whole(file, lambda part: part.write_bytes(options.scene_text))
     return file
 
 
 @cache
 def _scratch() -> Path:
     """Of this process, until it ends."""
-    _kept.append(tempfile.TemporaryDirectory(prefix="penumbra-scenes-"))
-    return Path(_kept[0].name)
-
-
-_kept: list[tempfile.TemporaryDirectory[str]] = []
+    folder = tempfile.mkdtemp(prefix="penumbra-scenes-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 # ---------------------------------------------------------------- what is said

@@ -2,6 +2,7 @@
 # Gradescope runs this once, as root, when it builds the autograder's image.
 set -euo pipefail
 source=${PENUMBRA_AUTOGRADER:-/autograder}/source
+home=${PENUMBRA_HOME:-/opt/penumbra}
 
 wheels=("$source"/penumbra-*.whl)
 if [ ! -f "${wheels[0]}" ]; then
@@ -17,5 +18,5 @@ python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' || python=python3.
 apt-get update
 apt-get install -y --no-install-recommends "$python" "$python-venv" bubblewrap build-essential
 
-"$python" -m venv /opt/penumbra
-/opt/penumbra/bin/pip install --no-cache-dir "${wheels[0]}"
+"$python" -m venv "$home"
+"$home/bin/pip" install --no-cache-dir "${wheels[0]}"

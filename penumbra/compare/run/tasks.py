@@ -12,16 +12,18 @@ import hashlib
 import json
 import logging
 import os
+import pickle
 import platform
 import queue
 import re
 import signal
 import socket
+import ssl
 import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from functools import cache
@@ -159,7 +161,7 @@ def run_tasks(
     tasks: Iterable[Task],
     scheduler: Scheduler | None = None,
     jobs: int | None = None,
-) -> Iterator[tuple[Task, Any]]:
+) -> Generator[tuple[Task, Any], None, None]:
     """Each task with function(task.argument), or with Lost, as they get done.
 
     function: of a module, deterministic; runs in a process that is not this one. tasks: taken one
@@ -235,12 +237,21 @@ def _checked(function: Callable[[Any], Any], argument: Any, expected: dict[str, 
     if found := differences(expected, versions_here()):
         from distributed import get_worker
 
-        raise SchedulerError(_refusal(_name(get_worker().address), found))
+        worker = f"{get_worker().address} ({socket.gethostname()})"
+        raise SchedulerError(_refusal(worker, found))
     return function(argument)
 
 
-def _name(address: str) -> str:
-    return f"{address} ({socket.gethostname()})"
+@dataclass(frozen=True)
+class _Call:
+    """Pickled, it is called by whoever loads it, and its value is loaded: a worker. The scheduler,
+    which looks into what it is given, sees bytes, and so needs neither penumbra nor memory for what
+    the argument holds."""
+
+    arguments: tuple[Callable[[Any], Any], Any, dict[str, str]]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _checked, self.arguments
 
 
 # ---------------------------------------------------------------- scheduler and workers
@@ -301,13 +312,17 @@ class _Pool:
                     self.client = distributed.Client(
                         self.scheduler.address(),
                         security=self.scheduler.security(),
-                        timeout=CONNECTING,
+                        timeout=min(CONNECTING, self.patience),
                         set_as_default=False,
                     )
                 self._compare()
                 return
             except (OSError, _Gone) as error:  # Dask's and Python's TimeoutError are OSErrors
                 self._drop_client()
+                if reason := _distrust(error):
+                    raise SchedulerError(
+                        f"the scheduler's certificate or ours is not trusted: {reason}"
+                    ) from error
                 place = self.scheduler.place if self.scheduler else "the embedded cluster"
                 if time.monotonic() > until:
                     raise MissingWorkersError(f"{place}: no scheduler answers: {error}") from error
@@ -406,8 +421,11 @@ class _Pool:
         self._on_close.callback(loop.stop)
         self._on_close.callback(_restore_environment, dict(os.environ))  # Dask changes it
         scratch = self._on_close.enter_context(tempfile.TemporaryDirectory(prefix="penumbra-"))
-        # The last death is that of isolate().
-        with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 2}):
+        settings = {
+            "distributed.scheduler.allowed-failures": DEATHS - 2,  # the last one is isolate()'s
+            "temporary-directory": scratch,
+        }
+        with dask.config.set(settings):
             self._cluster = distributed.LocalCluster(
                 n_workers=jobs,
                 threads_per_worker=1,
@@ -454,6 +472,15 @@ def _started_by(cluster: Any) -> list[Any]:
             worker = psutil.Process(nanny.pid)
             found += [*worker.children(recursive=True), worker]
     return found
+
+
+def _distrust(error: BaseException | None) -> str:
+    """What TLS said, of which an error may be the consequence; else nothing."""
+    while error is not None:
+        if isinstance(error, ssl.SSLError) or "SSL" in str(error):
+            return str(error)
+        error = error.__cause__ or error.__context__
+    return ""
 
 
 def _restore_environment(before: dict[str, str]) -> None:
@@ -523,7 +550,8 @@ class _Run:
             flight = self._flights[key] = _Flight(tasks, None)
             flight.future = self.pool.ask(
                 self.pool.client.submit,
-                *(_checked, self.function, tasks[0].argument, self._versions),
+                pickle.loads,
+                pickle.dumps(_Call((self.function, tasks[0].argument, self._versions))),
                 key=key,
             )
             flight.future.add_done_callback(self._done.put)
@@ -579,6 +607,7 @@ class _Run:
 
     def _recover(self) -> None:
         """The scheduler was lost, and with it what it had."""
+        _say("the scheduler was lost; what it had not done is handed over again")
         self._again.extendleft([flight.tasks for flight in self._flights.values()][::-1])
         self._flights = {}
         self.pool.connect()
