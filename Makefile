@@ -27,15 +27,16 @@ build/setup.test: build/setup.run
 	./setup.sh test
 	@touch $@
 
-## lock : pin requirements*.in anew in requirements*.txt, at the newest versions
+UV_COMPILE = build/lock/bin/uv pip compile --upgrade --universal --python-version 3.11 --generate-hashes \
+    --no-header --no-annotate --quiet
+
+## lock : pin what pyproject.toml asks for anew in requirements*.txt, at the newest versions
 .PHONY: lock
 lock: | build/setup.run
 	.venv/bin/python -m venv build/lock
 	build/lock/bin/pip install --quiet --disable-pip-version-check uv
-	for name in requirements requirements-bench; do \
-	    build/lock/bin/uv pip compile $$name.in --output-file $$name.txt --upgrade --universal \
-	        --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet || exit; \
-	done
+	$(UV_COMPILE) pyproject.toml --all-extras --group dev --output-file requirements.txt
+	$(UV_COMPILE) requirements-bench.in --output-file requirements-bench.txt
 
 # ---------------------------------------------------------------- C renderer
 
@@ -105,10 +106,12 @@ build: $(SELF_SHADOW)
 
 # The estimator with the mistakes of the catalogue, in double: a library of its own.
 MISTAKES := build/lib/libmistakes.so
-$(MISTAKES): $(wildcard c_renderer/mistakes/* c_renderer/src/core/*.[ch]) Makefile | build/setup.run
+MISTAKES_SOURCES := $(wildcard c_renderer/mistakes/* c_renderer/src/core/*.[ch])
+$(MISTAKES): $(MISTAKES_SOURCES) build/obj-float64/io/scene_json.o Makefile
 	@mkdir -p $(@D)
 	gcc $(C_FLAGS) -O3 -march=native -mprefer-vector-width=512 -ffp-contract=fast \
-	    -DPENUMBRA_FLOAT64 -shared $(filter %.c,$^) -lm -o $@.part && mv $@.part $@
+	    -DPENUMBRA_FLOAT64 -shared $(filter %.c %.o,$^) $(shell pkg-config --libs jansson) -lm \
+	    -o $@.part && mv $@.part $@
 build: $(MISTAKES)
 
 # ---------------------------------------------------------------- the experiment
@@ -285,6 +288,23 @@ bench-extras: build/setup.run
 	.venv/bin/pip install --quiet --disable-pip-version-check --require-hashes \
 	    --requirement requirements-bench.txt
 
+# ---------------------------------------------------------------- package
+
+# With what set-up pinned, and no network; auditwheel puts the library jansson into it.
+build/wheel/made: CMakeLists.txt pyproject.toml $(MISTAKES_SOURCES) \
+    $(wildcard LICENSE* scenes/*.json c_renderer/src/io/scene_json.[ch]) \
+    $(shell find penumbra -type f -not -name '*.pyc') | build/setup.run
+	rm -rf $(@D)
+	.venv/bin/pip wheel --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation \
+	    --wheel-dir $(@D)/unrepaired .
+	PATH="$(CURDIR)/.venv/bin:$$PATH" .venv/bin/auditwheel repair --wheel-dir $(@D) \
+	    $(@D)/unrepaired/*.whl
+	@touch $@
+
+## wheel : the package for pip, build/wheel/*.whl: check, compare, exact and scene without a compiler
+.PHONY: wheel
+wheel: build/wheel/made
+
 # ---------------------------------------------------------------- checks
 
 # The scene reader for libFuzzer, which makes up what the reader has not met yet.
@@ -298,7 +318,7 @@ PYTHON_FILES := penumbra bench tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
-test: build/setup.test lint build $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render) \
+test: build/setup.test lint build wheel $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render) \
     build/fuzz/bin/scene-reader
 	.venv/bin/pytest -n auto --maxprocesses 8
 

@@ -31,8 +31,8 @@ from penumbra.cli import (
     trade,
 )
 from penumbra.cli.arguments import help_format
-from penumbra.cli.exit import MISSING, SIGNALLED, USAGE, UsageError
-from penumbra.compare.run.provenance import VERSION
+from penumbra.cli.exit import EXTRA_OF, MISSING, SIGNALLED, USAGE, UsageError
+from penumbra.compare.run.provenance import VERSION, how_to_install
 
 SUBCOMMANDS = (
     *(scene, reference, exact, compare, check, grade, export, calibrate, png),
@@ -99,6 +99,8 @@ def _flush_output() -> None:
 def _sentence(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:  # of no file: print's
         return f"{error.filename or 'standard output'}: {error.strerror}"
+    if isinstance(error, ModuleNotFoundError) and error.name in EXTRA_OF:
+        return f"{error.name} is not installed: {how_to_install(EXTRA_OF[error.name])}"
     return str(error)
 
 

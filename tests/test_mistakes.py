@@ -269,8 +269,11 @@ def test_the_page_s_example_is_foretold_and_rendered_alike(tmp_path: Path) -> No
         f"-I{core}",
         *map(str, tmp_path.glob("*.c")),
         *map(str, (core / "core").glob("*.c")),
+        str(core / "io" / "scene_json.c"),
     ]
-    subprocess.run([*command, "-lm", "-o", str(tmp_path / "libmistakes.so")], check=True)
+    subprocess.run(
+        [*command, "-ljansson", "-lm", "-o", str(tmp_path / "libmistakes.so")], check=True
+    )
     subprocess.run([sys.executable, "-c", ADDED, str(tmp_path)], check=True, cwd=ROOT)
 
 

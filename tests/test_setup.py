@@ -3,11 +3,13 @@ make are stand-ins that write down how they were called."""
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -183,6 +185,15 @@ def pins() -> list[tuple[Requirement, list[str]]]:
     return [(Requirement(line[0].strip()), [h.strip() for h in line[1:]]) for line in lines]
 
 
+def direct_requirements() -> list[Requirement]:
+    """Of every use, of each extra, and of development."""
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = told["project"]
+    groups = (project["optional-dependencies"] | told["dependency-groups"]).values()
+    every = map(Requirement, itertools.chain(project["dependencies"], *groups))
+    return [r for r in every if r.name != project["name"]]  # an extra that brings another
+
+
 def test_every_requirement_is_an_exact_version_with_hashes() -> None:
     for requirement, hashes in pins():
         assert re.fullmatch(r"==[0-9][^*,]*", str(requirement.specifier)), requirement
@@ -190,7 +201,7 @@ def test_every_requirement_is_an_exact_version_with_hashes() -> None:
 
 
 def test_requirements_name_no_package_index() -> None:
-    for name in ("requirements.in", "requirements.txt", "pyproject.toml"):
+    for name in ("requirements.txt", "pyproject.toml"):
         assert not re.search(r"://|index-url|find-links|trusted-host", (ROOT / name).read_text())
 
 
@@ -218,11 +229,9 @@ def test_each_python_gets_one_version_of_all_it_needs_and_cycles_where_there_is_
             assert name not in pinned
             pinned[name] = str(requirement.specifier).removeprefix("==")
     assert pinned.get("bpy") == cycles
-    for line in (ROOT / "requirements.in").read_text().splitlines():
-        if wanted := line.partition("#")[0].strip():
-            direct = Requirement(wanted)
-            if direct.marker is None or direct.marker.evaluate(here):
-                assert direct.specifier.contains(pinned[canonicalize_name(direct.name)])
+    for direct in direct_requirements():
+        if direct.marker is None or direct.marker.evaluate(here):
+            assert direct.specifier.contains(pinned[canonicalize_name(direct.name)])
 
 
 # ---------------------------------------------------------------- make and CI

@@ -19,7 +19,7 @@ import numpy as np
 
 from penumbra.compare.measure.image import Image, read_image
 from penumbra.compare.run.output import write_whole
-from penumbra.compare.run.provenance import ROOT, file_hash
+from penumbra.compare.run.provenance import INSTALLED, file_hash, how_to_install
 from penumbra.compare.scene import Scene, read_scene
 
 PACKAGE = Path(__file__).resolve().parent
@@ -37,7 +37,8 @@ class MissingBlender(ImportError):
             f"Cycles cannot run: {reason} (Python {platform.python_version()}, "
             f"{platform.system()} {platform.machine()}). bpy needs Python 3.11 (bpy 4.5) or "
             "3.13 (bpy 5.2), and there is none for Linux on Arm; with one of these, "
-            "run setup.sh. Without it, use the references in blender_ref/shipped."
+            f"{how_to_install('cycles')}"
+            + ("" if INSTALLED else ". Without it, use the references in blender_ref/shipped.")
         )
 
 
@@ -209,7 +210,7 @@ def _start(folder: Path) -> subprocess.Popen[str]:
     """Start render.py with nothing of the user's Blender, and `folder` for all that it writes."""
     foreign = ("BLENDER_", "CYCLES_", "OCIO")
     environment = {k: v for k, v in os.environ.items() if not k.startswith(foreign)}
-    search = [str(ROOT), environment.get("PYTHONPATH", "")]
+    search = [str(PACKAGE.parents[1]), environment.get("PYTHONPATH", "")]
     user = folder / "user"
     user.mkdir()
     environment |= {

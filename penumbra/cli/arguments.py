@@ -12,9 +12,13 @@ from penumbra.cli.exit import UsageError
 if TYPE_CHECKING:
     from penumbra.compare.run.tasks import Scheduler
 
+from penumbra.compare.run.provenance import ROOT
+
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
 """What is read as an image"""
+SCENES = ROOT / "scenes"
+SCENE_FILES = "scene file, or the name of one in scenes/"
 
 
 def sample_counts(text: str) -> tuple[int, ...]:
@@ -75,6 +79,20 @@ def errors(text: str) -> tuple[float, ...]:
     return tuple(values)
 
 
+def scene_path(text: str) -> Path:
+    """A file, or one of Penumbra's own scenes, which is found from everywhere: by its name or as
+    the repository has it. What is neither is left to who reads it.
+
+    >>> scene_path("tp3") == scene_path("scenes/tp3.json")
+    True
+    """
+    if Path(text).exists():
+        return Path(text)
+    own = next((f for f in (SCENES / f"{text}.json", ROOT / text) if f.is_file()), Path(text))
+    here = Path.cwd()
+    return own.relative_to(here) if own.is_relative_to(here) else own
+
+
 def help_format(prog: str) -> argparse.HelpFormatter:
     return argparse.RawDescriptionHelpFormatter(prog, max_help_position=28)
 
@@ -103,7 +121,7 @@ def add_subcommand(
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file, scenes/*.json")
+    parser.add_argument("scene", type=scene_path, metavar="SCENE", help=SCENE_FILES)
 
 
 def add_out(parser: argparse.ArgumentParser, metavar: str, parse: Callable[[str], Path]) -> None:

@@ -6,7 +6,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from penumbra.cli.arguments import IMAGE_FILES, Subcommands, add_subcommand, positive, seconds
+from penumbra.cli.arguments import (
+    IMAGE_FILES,
+    SCENE_FILES,
+    SCENES,
+    Subcommands,
+    add_subcommand,
+    positive,
+    scene_path,
+    seconds,
+)
 from penumbra.cli.exit import CANNOT_TELL, FAIL, PASS, UsageError
 from penumbra.compare.run.output import named
 
@@ -44,9 +53,7 @@ def add(subcommands: Subcommands) -> None:
         "--budget", type=seconds, default=120.0, metavar="SECONDS",
         help="how long to look at them, beside what COMMAND takes [120]",
     )  # fmt: skip
-    parser.add_argument(
-        "--scene", default="tp3", metavar="SCENE", help="scene file, or its name in scenes/ [tp3]"
-    )
+    parser.add_argument("--scene", default="tp3", metavar="SCENE", help=f"{SCENE_FILES} [tp3]")
     parser.add_argument(
         "--light-samples", type=positive, metavar="N",
         help="light samples of the pictures, where their names (n016_aa01.png) do not say",
@@ -97,16 +104,8 @@ def run(options: argparse.Namespace) -> int:
 
 def scene_named(text: str) -> Path:
     """A file, or one of the repository's by its name. Raises UsageError."""
-    from penumbra.compare.run.provenance import ROOT
-
-    file = Path(text)
+    file = scene_path(text)
     if file.is_file():
         return file
-    own = ROOT / "scenes" / f"{text}.json"
-    if own.is_file():
-        here = Path.cwd()
-        return own.relative_to(here) if own.is_relative_to(here) else own
-    names = ", ".join(
-        sorted(f.stem for f in (ROOT / "scenes").glob("*.json") if "schema" not in f.name)
-    )
+    names = ", ".join(sorted(f.stem for f in SCENES.glob("*.json") if "schema" not in f.name))
     raise UsageError(f"--scene {text}: neither a file nor one of {names}")

@@ -7,7 +7,13 @@ import math
 import sys
 from pathlib import Path
 
-from penumbra.cli.arguments import IMAGE_FILES, Subcommands, add_subcommand
+from penumbra.cli.arguments import (
+    IMAGE_FILES,
+    SCENE_FILES,
+    Subcommands,
+    add_subcommand,
+    scene_path,
+)
 from penumbra.compare.run.output import named
 
 
@@ -25,7 +31,7 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument(
         "reference", metavar="REFERENCE", help="an image, or `exact` for the exact solution"
     )
-    parser.add_argument("--scene", type=Path, required=True, help="scene file of both")
+    parser.add_argument("--scene", type=scene_path, required=True, help=f"of both: {SCENE_FILES}")
     parser.add_argument(
         "--delta", type=_delta, metavar="D",
         help="the bias, relative to a region's mean, that still agrees [0.0005; Cycles 0.001]",

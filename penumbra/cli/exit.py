@@ -8,5 +8,14 @@ missing; a check cannot tell; SIGNALLED + n: ended by signal n, as a shell says 
 Ctrl-C)."""
 
 
+EXTRA_OF = {
+    "bpy": "cycles",
+    **dict.fromkeys(("colour", "flip_evaluator"), "perceptual"),
+    **dict.fromkeys(("cryptography", "dask", "distributed"), "class"),
+    **dict.fromkeys(("jinja2", "markupsafe", "matplotlib"), "report"),
+}
+"""Modules that do not come with every use, and the extra of pyproject.toml that brings them"""
+
+
 class UsageError(ValueError):
     """Options that do not go together; the text says which."""

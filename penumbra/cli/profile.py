@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from penumbra.cli.arguments import Subcommands, add_out, add_subcommand
+from penumbra.cli.arguments import SCENE_FILES, Subcommands, add_out, add_subcommand, scene_path
 from penumbra.cli.exit import PASS
 from penumbra.compare.run.output import named
 
@@ -19,7 +18,7 @@ def add(subcommands: Subcommands) -> None:
         "lights of several scenes.",
         "penumbra profile scenes/tp3.json scenes/tp3_disk.json -o build/lights/profile.json",
     )
-    parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE", help="scenes/*.json")
+    parser.add_argument("scenes", type=scene_path, nargs="+", metavar="SCENE", help=SCENE_FILES)
     add_out(parser, "OUT.json", named(".json"))
 
 

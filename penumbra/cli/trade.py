@@ -15,6 +15,7 @@ from penumbra.cli.arguments import (
     errors,
     positive,
     sample_counts,
+    scene_path,
     scheduler_of,
     seconds,
 )
@@ -44,7 +45,7 @@ def add(subcommands: Subcommands) -> None:
     )
     parser.add_argument(
         "--verify",
-        type=Path,
+        type=scene_path,
         nargs="+",
         default=[],
         metavar="SCENE",

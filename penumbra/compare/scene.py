@@ -18,10 +18,12 @@ from typing import Any, NoReturn
 
 import jsonschema
 
+from penumbra.compare.run.provenance import ROOT
+
 Vec3 = tuple[float, float, float]
 Path_ = tuple[str | int, ...]
 
-SCHEMA_FILE = Path(__file__).resolve().parents[2] / "scenes" / "scene.schema.json"
+SCHEMA_FILE = ROOT / "scenes" / "scene.schema.json"
 MAX_BYTES = 1 << 20
 """Largest scene file read [bytes]; a thousand lights take a tenth of it."""
 MIN_LENGTH = 1e-9

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
-from bench.page import Table, about, all_tables
 from penumbra.report.inputs import Data, Input
+
+if TYPE_CHECKING:
+    from bench.page import Table
 
 BENCH = Input("bench/bench.json", "make bench", "tp3")
 
 
 def speed(data: Data) -> dict[str, Any]:
     """What bench says of its run, and its tables."""
+    from bench.page import about, all_tables  # in the repository only, as what it measures is
+
     measured = data[BENCH]
     return {
         "about": _html(about(measured)),

@@ -41,6 +41,7 @@ from penumbra.compare.check.specimens import GENERATORS, Maker, Specimen
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, verdict
 from penumbra.compare.check.view import View
 from penumbra.compare.run.journal import Journal
+from penumbra.compare.run.library import PRECISIONS, opened
 from penumbra.compare.run.output import write_json
 from penumbra.compare.run.provenance import ROOT, file_hash, origin
 from penumbra.compare.run.tasks import Lost, Scheduler, Task, content_key, run_tasks
@@ -416,7 +417,7 @@ def judged(
 
 def version() -> str:
     """Of all that decides what is said."""
-    own = sorted((ROOT / "penumbra" / "compare" / "check").glob("*.py"))
+    own = sorted(Path(__file__).parent.glob("*.py"))
     return file_hash(*own, FILE, LIBRARY)[:12]
 
 
@@ -433,6 +434,8 @@ def study(
     same whoever did it, but for its origin.
 
     Raises MissingProgramError, JournalError, OSError, and what judged() raises."""
+    for precision in PRECISIONS:
+        opened(precision)  # if the C renderer is missing, that is said now
     specimens = by_rays(few() if reduced else draw(cases, correct, seed))
     own = version()
     with Journal(out.with_suffix(".journal")) as journal:

@@ -13,23 +13,20 @@ import numpy as np
 from penumbra.compare.check.catalogue import MODULES, Variant
 from penumbra.compare.check.grid import Grid
 from penumbra.compare.check.quadrature import Sites
-from penumbra.compare.run.library import declarations, read_by_c
+from penumbra.compare.run.library import declarations, load, read_scene
 from penumbra.compare.run.provenance import ROOT
 from penumbra.compare.run.renderers import MissingProgramError
 
 LIBRARY = ROOT / "build" / "lib" / "libmistakes.so"
-HEADERS = ("../mistakes/mistakes.h",)
+HEADERS = ("../mistakes/mistakes.h", "io/scene_json.h")
 
 
 @cache
 def opened() -> tuple[cffi.FFI, Any]:
     """The library of mistakes, once, and its types. Raises MissingProgramError."""
-    ffi = cffi.FFI()
+    ffi, library = load(LIBRARY)
     ffi.cdef(declarations(HEADERS, "double"))
-    try:
-        return ffi, ffi.dlopen(str(LIBRARY))
-    except OSError as error:
-        raise MissingProgramError(f"{LIBRARY}: {error}: run `make build`") from error
+    return ffi, library
 
 
 @cache
@@ -43,12 +40,9 @@ def choice_id(module: str, name: str) -> int:
 
 
 @cache
-def scene_of_c(scene_file: Path) -> tuple[Any, Any]:
-    """C's scene in double precision, as the library of mistakes takes it, and its owner."""
-    owner = read_by_c(scene_file, "float64")
-    ffi, _ = opened()
-    address = int(cffi.FFI().cast("uintptr_t", owner))
-    return ffi.cast("Scene *", address), owner
+def scene_of_c(scene_file: Path) -> Any:
+    """C's Scene *, in double. Raises MissingProgramError, RendererError."""
+    return read_scene(scene_file, *opened())
 
 
 def is_built() -> bool:
@@ -71,7 +65,7 @@ def moments(
     chance = np.empty((len(rays), n), np.float32)
     first = np.empty((len(rays), len(weights), n), np.float32)
     second = np.empty_like(first)
-    scene, _ = scene_of_c(scene_file)
+    scene = scene_of_c(scene_file)
     library.mistakes_moments(
         *(scene, light, receivers, choice_id("domain", domain)),
         *([choice_id("visibility", ray) for ray in rays], len(rays)),
@@ -86,7 +80,7 @@ def places(scene_file: Path, light: int, sites: Sites, s: np.ndarray, t: np.ndar
     ffi, library = opened()
     receivers, _keep = _receivers(sites)
     first = np.empty((len(s), len(sites)), np.float32)
-    scene, _ = scene_of_c(scene_file)
+    scene = scene_of_c(scene_file)
     s, t = np.ascontiguousarray(s, dtype=float), np.ascontiguousarray(t, dtype=float)
     library.mistakes_places(
         *(scene, light, receivers),
@@ -129,7 +123,7 @@ def render(
     MissingProgramError.
     """
     ffi, library = opened()
-    scene, _ = scene_of_c(scene_file)
+    scene = scene_of_c(scene_file)
     own = ffi.new("Scene *", scene[0])
     height, width = shape
     if grid is not None:

@@ -24,6 +24,7 @@ from penumbra.compare.check.grid import Grid
 from penumbra.compare.check.prediction import surface_lights
 from penumbra.compare.check.view import NU, View, lead_of
 from penumbra.compare.check.words import WORDS
+from penumbra.compare.run.provenance import typed
 from penumbra.compare.scene import Plane, Sphere
 
 RIGHT_, WRONG, CANNOT_TELL = "right", "wrong", "cannot tell"
@@ -157,7 +158,7 @@ def verdict(
         _beside(diagnosis, names),
         top,
         lead.scene.name,
-        f"penumbra exact {scene_file} -o exact.exr && penumbra png exact.exr -o exact.png",
+        f"penumbra exact {typed(scene_file)} -o exact.exr && penumbra png exact.exr -o exact.png",
         n,
     )
 
@@ -464,7 +465,7 @@ def _settle(
 ) -> tuple[str, ...]:
     said = []
     if strange:
-        said.append(WORDS["settle_camera"].format(scene=scene_file))
+        said.append(WORDS["settle_camera"].format(scene=typed(scene_file)))
     if word == CANNOT_TELL and lead.picture.jpeg:
         said.append(WORDS["settle_png"])
     if word == CANNOT_TELL and brightness > BLIND:

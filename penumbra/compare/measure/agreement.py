@@ -36,6 +36,7 @@ from penumbra.compare.measure.statistics import (
     range_test,
     scatter_test,
 )
+from penumbra.compare.run.provenance import typed
 from penumbra.compare.scene import PointLight, Scene, read_scene
 
 DELTA = 5e-4
@@ -141,7 +142,7 @@ def compare_files(
     notes += [
         f"{file}: of 8 bits, and through which place of a pixel its rays go is not known: a region "
         "differs only where no shift by a pixel explains it. To find the place and judge the "
-        f"light: penumbra check {quote(str(file))} --scene {quote(str(scene_file))} "
+        f"light: penumbra check {quote(str(file))} --scene {quote(typed(scene_file))} "
         "--light-samples N"
         for file, image in zip(files, images, strict=True)
         if image.is_eight_bit
@@ -513,14 +514,15 @@ def _check_scenes(
 ) -> list[str]:
     """Notes on images that do not say their scene. Raises ComparisonError for another one."""
     notes = []
+    shown = typed(scene_file)
     for file, image in zip(files, images, strict=True):
         found = image.attributes.get("sceneHash")
         if found is None:
-            notes.append(f"{file}: does not say which scene it shows; {scene_file} is assumed")
+            notes.append(f"{file}: does not say which scene it shows; {shown} is assumed")
         elif found != scene.hash:
             others = ", ".join(str(other) for other in files if other != file)
             raise ComparisonError(
-                f"{file} shows the scene of hash {found}, {scene_file} has {scene.hash}: "
+                f"{file} shows the scene of hash {found}, {shown} has {scene.hash}: "
                 f"not compared" + (f" with {others}" if others else "")
             )
     return notes

@@ -15,7 +15,7 @@ import cffi
 import numpy as np
 
 from penumbra.compare.measure.image import read_image
-from penumbra.compare.run.provenance import ROOT
+from penumbra.compare.run.provenance import HOW_TO_BUILD, ROOT
 from penumbra.compare.run.renderers import MissingProgramError, RendererError
 
 SOURCES = ROOT / "c_renderer" / "src"
@@ -241,18 +241,30 @@ def declarations(headers: tuple[str, ...], real: str) -> str:
 @cache
 def opened(precision: str) -> tuple[cffi.FFI, Any]:
     """A precision's library, once, and its types. Raises MissingProgramError."""
-    ffi = cffi.FFI()
+    ffi, library = load(build_of(LIBRARY, precision))
     ffi.cdef(declarations(HEADERS, "float" if precision == PRECISIONS[0] else "double"))
-    file = build_of(LIBRARY, precision)
+    return ffi, library
+
+
+def load(file: Path) -> tuple[cffi.FFI, Any]:
+    """A library, and where its types and functions are to be declared. Raises
+    MissingProgramError."""
+    if not file.is_file():
+        raise MissingProgramError(f"{file} is not there: {HOW_TO_BUILD}")
+    ffi = cffi.FFI()
     try:
         return ffi, ffi.dlopen(str(file))
     except OSError as error:
-        raise MissingProgramError(f"{file}: {error}: run `make build`") from error
+        raise MissingProgramError(f"{file}: {error}: {HOW_TO_BUILD}") from error
 
 
 def read_by_c(scene_file: Path, precision: str = PRECISIONS[0]) -> Any:
-    """The C reader's Scene *, freed when it is no longer used. Raises RendererError."""
-    ffi, library = opened(precision)
+    """The C reader's Scene *. Raises RendererError, MissingProgramError."""
+    return read_scene(scene_file, *opened(precision))
+
+
+def read_scene(scene_file: Path, ffi: cffi.FFI, library: Any) -> Any:
+    """A library's Scene *, freed when it is no longer used. Raises RendererError."""
     message = ffi.new("char[1024]")
     scene = ffi.gc(ffi.new("Scene *"), library.scene_free)
     if not library.scene_read(str(scene_file).encode(), scene, ffi.NULL, message, len(message)):

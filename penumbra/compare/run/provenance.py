@@ -11,8 +11,34 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[3]
+_PACKAGE = Path(__file__).resolve().parents[2]
+INSTALLED = (_PACKAGE / "share").is_dir()
+"""From a wheel, not in a checkout"""
+ROOT = _PACKAGE / "share" if INSTALLED else _PACKAGE.parent
+"""The repository; of a wheel, what it brings along of it (CMakeLists.txt)"""
+HOW_TO_BUILD = (
+    "the package is without it: in Penumbra's repository run `make build`, then .venv/bin/penumbra"
+    if INSTALLED
+    else "run `make build`"
+)
+"""What to do where a C program or library is missing"""
 VERSION: str = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+
+
+def how_to_install(extra: str) -> str:
+    """What to do where a library is missing that an extra of pyproject.toml names."""
+    return f"run pip install 'penumbra[{extra}]'" if INSTALLED else "run ./setup.sh"
+
+
+def typed(scene_file: str | Path) -> str:
+    """A scene file as commands take it: one of our own on every machine alike.
+
+    >>> typed(ROOT / "scenes" / "tp3.json")
+    'scenes/tp3.json'
+    """
+    absolute = Path(scene_file).resolve()
+    own = absolute.is_relative_to(ROOT / "scenes")
+    return str(absolute.relative_to(ROOT) if own else scene_file)
 
 
 def machine() -> dict[str, str | int]:

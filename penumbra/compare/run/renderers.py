@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Protocol
 
-from penumbra.compare.run.provenance import ROOT, cores, file_hash
+from penumbra.compare.run.provenance import HOW_TO_BUILD, ROOT, cores, file_hash
 
 SUFFIXES = (".exr", ".pfm", ".hdr", ".png", ".jpg", ".bmp")
 REQUIRED = ("scene", "light_samples", "seed", "out")
@@ -289,5 +289,5 @@ def penumbra_renderer(timeout: float = TIMEOUT) -> CommandRenderer:
         "--pixel-samples {pixel_samples} --seed {seed} --threads {threads} "
         "--width {width} --height {height}",
         timeout=timeout,
-        advice="run `make build`",
+        advice=HOW_TO_BUILD,
     )

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any
 
 import penumbra
-from penumbra.compare.run.provenance import VERSION, cores, file_hash
+from penumbra.compare.run.provenance import VERSION, cores, file_hash, how_to_install
 
 IN_FLIGHT = 2
 """Tasks handed over for each thread of a worker: the next one is there when one ends."""
@@ -48,7 +48,7 @@ POLL = 0.5
 """How often to look whether scheduler and workers are still there [s]"""
 PACKAGES = ("numpy", "scipy", "pillow", "OpenEXR", "dask", "distributed", "cloudpickle", "msgpack")
 """Whose versions must be the same everywhere, for the same bytes or the same pickles"""
-EXTRA = "pip install 'penumbra[class]'"
+EXTRA = how_to_install("class")
 
 
 class SchedulerError(ValueError):

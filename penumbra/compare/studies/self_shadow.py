@@ -23,8 +23,8 @@ from scipy import stats
 from tqdm import tqdm
 
 from penumbra.compare.run import provenance
+from penumbra.compare.run.library import build_of, load
 from penumbra.compare.run.output import write_csv, write_json
-from penumbra.compare.run.renderers import MissingProgramError
 from penumbra.compare.scene import Scene, read_scene
 
 SCENE = provenance.ROOT / "scenes" / "tp3.json"
@@ -429,10 +429,6 @@ def write_map(out: Path, rays: int = RAYS) -> dict[str, Any]:
 
 @cache
 def _library(precision: str) -> tuple[cffi.FFI, Any]:
-    ffi = cffi.FFI()
+    ffi, library = load(build_of(LIBRARY, precision))
     ffi.cdef(DECLARATION.format(real="double" if precision == "float64" else "float"))
-    file = LIBRARY.with_stem(LIBRARY.stem + ("-float64" if precision == "float64" else ""))
-    try:
-        return ffi, ffi.dlopen(str(file))
-    except OSError as error:
-        raise MissingProgramError(f"{file}: {error}: run `make build`") from error
+    return ffi, library
