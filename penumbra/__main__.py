@@ -18,6 +18,7 @@ from penumbra.cli import (
     compare,
     converge,
     exact,
+    grade,
     png,
     profile,
     reference,
@@ -33,7 +34,7 @@ from penumbra.cli.exit import MISSING, SIGNALLED, USAGE, UsageError
 from penumbra.compare.run.provenance import VERSION
 
 SUBCOMMANDS = (
-    *(scene, reference, exact, compare, check, calibrate, png),
+    *(scene, reference, exact, compare, check, grade, calibrate, png),
     *(converge, speedup, trade, profile, stability, self_shadow, report),
 )
 """In the order of the help"""

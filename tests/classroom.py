@@ -1,211 +1,218 @@
-"""A class that was made up: grades.json of fictitious students, for what is made from it."""
+"""A class whose every submission's maker is known:
+`python -m tests.classroom FOLDER --images 300 --programs 30`.
+
+Pictures of correct renderers and of the catalogue's mistakes, as students save them; what students
+hand in beside (nothing, a text called .png, half a picture, an archive); and programs, a third of
+them hostile.
+"""
 
 from __future__ import annotations
 
-import base64
-import io
+import argparse
 import json
-import random
-from collections.abc import Callable
-from dataclasses import asdict
-from typing import Any
+import shlex
+import shutil
+import textwrap
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from penumbra.compare.check.catalogue import Variant, catalogue
-from penumbra.compare.check.explanation import headline, observations, text, title
-from penumbra.compare.check.verdict import Region, Verdict
-from penumbra.compare.check.words import WORDS
+from penumbra.compare.check.specimens import Specimen
 
-RUBRIC = {
-    "light_mean": ("The light's mean", 6),
-    "penumbra": ("The penumbra", 4),
-    "noise_law": ("Noise falls as 1/N", 3),
-    "n_has_effect": ("N has an effect", 3),
-    "threads": ("Speed-up by threads", 2),
-    "other_lights": ("Other lights", 2),
-}
-"""Title and points of each claim"""
-TOTAL = 20
-FIRST = (
-    "Adèle", "Bastien", "Capucine", "Dorian", "Élise", "Farid", "Gaëlle", "Hugo", "Inès", "Joachim",
-    "Khadija", "Léonie", "Maël", "Nour", "Ombline", "Paul", "Quitterie", "Rayan", "Solène", "Théo",
+STUDENT = Path(__file__).with_name("student.c")
+SMALL = (200, 300)
+MISTAKES = (
+    ("weight", "pdf_times_cos"), ("average", "n_no_effect"), ("scale", "area_omitted"),
+    ("visibility", "to_centre"), ("average", "not_divided_by_n"), ("visibility", "none"),
+    ("domain", "diagonal"), ("weight", "no_light_cosine"), ("output", "ambient_0_1"),
+    ("visibility", "offset_0_3"), ("average", "break_first"), ("scale", "area_3"),
 )  # fmt: skip
-LAST = (
-    "Abadie", "Brunel", "Cazenave", "Delorme", "Estève", "Fabre", "Garnier", "Hamidi", "Izard",
-    "Jourdan", "Kessler", "Lacombe", "Marchand", "Navarro", "Ollivier",
-)  # fmt: skip
-FACT = "the picture is upside down: its first row is the lowest"
-PROBLEM = {"code": "time_limit", "text": "It took longer than the 60 s that a picture may take."}
-
-Thumbnail = Callable[[str, str], str]
-"""(mistake or "", name of the picture) -> data URI"""
+"""What a class gets wrong, each of which shows in tp3 at N = 16"""
+FILES = ("png", "bmp", "jpg 100", "exr")
+COUNTS = (((16, 1),), ((64, 1),), ((1, 1), (16, 1)), ((4, 1), (64, 1)), ((16, 4),))
+BROKEN = ("empty", "text", "truncated", "archive", "link", "tiny")
 
 
-def plain_thumbnail(mistake: str, name: str) -> str:
-    """96 x 64: a ball on a floor, as far as a test needs."""
-    y, x = np.mgrid[0:64, 0:96]
-    ball = (x - 48) ** 2 + (y - 26) ** 2 < 18**2
-    pixels = np.where(ball[..., None], (50, 70, 200), (200, 3 * (64 - len(mistake)) % 256, 60))
-    stream = io.BytesIO()
-    Image.fromarray(pixels.astype(np.uint8)).save(stream, "JPEG", quality=70)
-    return "data:image/jpeg;base64," + base64.b64encode(stream.getvalue()).decode()
+@dataclass(frozen=True)
+class Seat:
+    """A submission, and what is in it."""
+
+    id: str
+    truth: tuple[str, ...] | None
+    """the mistakes made; None: nothing that can be judged"""
+    codes: tuple[str, ...] = ()
+    """what a hostile one may be reported as"""
 
 
-def grades(submissions: list[dict[str, Any]], hint: int = 1) -> dict[str, Any]:
-    """What `penumbra grade` writes of them."""
-    made = sorted(submissions, key=lambda s: s["id"])
-    by_mistake: dict[str, list[str]] = {}
-    for submission in made:
-        for name in submission["mistakes"]:
-            by_mistake.setdefault(name, []).append(submission["id"])
-    counted = sorted(by_mistake.items(), key=lambda item: (-len(item[1]), item[0]))
-    return {
-        "schema": "penumbra-grades/1",
-        "scene": "tp3",
-        "hint": hint,
-        "trusted": False,
-        "rubric": {
-            "title": "Soft shadows",
-            "total": TOTAL,
-            "claims": [{"id": i, "title": t, "points": p} for i, (t, p) in RUBRIC.items()],
-        },
-        "submissions": made,
-        "mistakes": [
-            {"name": name, "title": title(name), "submissions": ids} for name, ids in counted
-        ],
-        "versions": {"penumbra": "0.1.0"},
-    }
+def seat(folder: Path, id_: str, specimen: Specimen, name: str = "n{n}_m{m}") -> Seat:
+    """A submission with a specimen's pictures."""
+    home = folder / id_
+    home.mkdir(parents=True)
+    for file, (n, m) in zip(specimen.files(home), specimen.counts, strict=True):
+        file.rename(home / (name.format(n=n, m=m) + file.suffix))
+    for told in home.glob("*.json"):
+        told.unlink()
+    return Seat(id_, specimen.variant.mistakes)
 
 
-def submission(
-    name: str,
-    mistakes: tuple[str, ...] = (),
-    hint: int = 1,
-    *,
-    verdict: str = "",
-    failed: bool = False,
-    same_as: tuple[str, ...] = (),
-    pictures: tuple[str, ...] = ("n016_m1.png", "n064_m1.png"),
-    thumbnail: Thumbnail = plain_thumbnail,
-) -> dict[str, Any]:
-    """verdict: as the mistakes say, unless it is given."""
-    word = "cannot tell" if failed else verdict or ("wrong" if mistakes else "right")
-    claims = [_claim(claim, word, mistakes, failed, hint) for claim in RUBRIC]
-    first = mistakes[0] if mistakes else ""
-    why = found(word, mistakes)
-    return {
-        "id": name,
-        "kind": "none" if failed else "images",
-        "status": "failed" if failed else "graded",
-        "problem": PROBLEM if failed else None,
-        "verdict": word,
-        "confidence": 0.5 if word == "cannot tell" else 0.9996,
-        "headline": PROBLEM["text"] if failed else headline(why),
-        "text": PROBLEM["text"] + "\n" if failed else text(why, hint),
-        "mistakes": list(mistakes),
-        "titles": [title(m) for m in mistakes],
-        "perhaps": [],
-        "alike": [["no_receiver_cosine"]] if mistakes else [],
-        "facts": [] if failed else [FACT],
-        "same_as": list(same_as),
-        "other_scenes": [],
-        "points": sum(c["points"] for c in claims),
-        "of": TOTAL,
-        "claims": claims,
-        "for_instructor": [c["id"] for c in claims if c["state"] == "cannot tell"],
-        "pictures": []
-        if failed
-        else [
-            {"name": p, "light_samples": 16, "pixel_samples": 1, "thumbnail": thumbnail(first, p)}
-            for p in pictures
-        ],
-        "evidence": None if failed else evidence(why),
-    }
-
-
-def found(word: str, mistakes: tuple[str, ...]) -> Verdict:
-    """As a check would have it: too bright if wrong."""
-    wrong = word == "wrong"
-    ratio = 1.42 if wrong else 1.0
-    return Verdict(
-        verdict=word,
-        confidence=0.9996,
-        mistakes=mistakes,
-        perhaps=(),
-        several=False,
-        alike=(("no_receiver_cosine",),) if wrong else (),
-        facts=(("flip_y", FACT),),
-        regions=(
-            Region("the lit part of the floor", "lit", ratio, 0.001, 1.0, 0.2, 5000),
-            Region("the penumbra on the floor", "penumbra", ratio - 0.1 * wrong, 0.005, 1, 0, 900),
-        ),
-        effective_samples=4.0 if wrong else 16.0,
-        detectable_brightness=0.006,
-        detectable_samples=12.8,
-        runners_up=((("area_halved",), 12.3), (("divided_by_pi",), 3.1e5)) if wrong else (),
-        hidden=() if wrong else ("area_by_norms",),
-        settle=() if wrong else (WORDS["settle_scene"].format(scene="tp3_sheared.json"),),
-        loose=0.05 if "unknown" in mistakes else 0.0,
-        beside=0.0,
-        variant=Variant(),
-        scene="tp3",
-        command="penumbra exact scenes/tp3.json -o tp3.exr && penumbra png tp3.exr -o tp3.png",
-        nb_light_samples=16,
-    )
-
-
-def evidence(verdict: Verdict) -> dict[str, Any]:
-    """As JSON holds it"""
-    whole = asdict(verdict) | {"observed": observations(verdict)}
-    return json.loads(json.dumps(whole))
-
-
-def _claim(
-    claim: str, word: str, mistakes: tuple[str, ...], failed: bool, hint: int
-) -> dict[str, Any]:
-    name, of = RUBRIC[claim]
-    refuted = {"light_mean", "penumbra"} if mistakes else set()
-    if mistakes == ("n_no_effect",):
-        refuted = {"noise_law", "n_has_effect"}
-    state, why = "shown", f"{name}: as it should be."
-    if failed:
-        state, why = "missing", PROBLEM["text"]
-    elif claim in ("threads", "other_lights") or word == "cannot tell":
-        state, why = "cannot tell", "Pictures of one scene cannot show it."
-    elif claim in refuted:
-        state, why = (
-            "refuted",
-            "The lit part of the floor is 1.420 times as bright as it should be.",
-        )
-        if hint >= 2:
-            why = f"Your pictures show that {title(mistakes[0])}."
-    points = of if state in ("shown", "cannot tell") else 0
-    return {"id": claim, "title": name, "state": state, "points": points, "of": of, "why": why}
-
-
-def students(
-    count: int, hint: int = 1, thumbnail: Thumbnail = plain_thumbnail
-) -> list[dict[str, Any]]:
-    """As classes are: half of it right, a few mistakes common and many rare, some that cannot be
-    told or judged. The same students each time."""
-    chance = random.Random(20261127)
-    names = [f"{last} {first}" for last in LAST for first in FIRST][:count]
-    known = sorted(catalogue().mistakes)
-    chance.shuffle(known)
-    made = []
-    for name in names:
-        kind = chance.random()
-        at = min(int(chance.expovariate(1 / 5)), len(known) - 1)
-        mistakes: tuple[str, ...] = (known[at],) if kind < 0.42 else ()
-        if kind < 0.03:
-            mistakes = known[at], known[(at + 7) % len(known)]
-        elif kind < 0.06:
-            mistakes = ("unknown",)
-        verdict = "cannot tell" if 0.42 <= kind < 0.47 else ""
-        made.append(
-            submission(name, mistakes, hint, verdict=verdict, failed=0.47 <= kind < 0.5,
-                       thumbnail=thumbnail)
+def pictures(folder: Path, number: int, seed: int = 1, id_: str = "student{:03d}") -> list[Seat]:
+    """number submissions, a third of them right."""
+    rng = np.random.default_rng(seed)
+    choices = catalogue().choices
+    found = []
+    for i in range(number):
+        variant = Variant()
+        if i % 3:
+            variant = variant.replaced(choices[MISTAKES[(i - i // 3) % len(MISTAKES)]])
+        plain = Specimen(
+            "single", "tp3", ("mistakes",), variant, SMALL,
+            COUNTS[i % len(COUNTS)], file=FILES[int(rng.choice(4, p=[0.7, 0.1, 0.1, 0.1]))],
+            position=((0.5, 0.5), (0.0, 0.0))[int(rng.integers(2))],
+            seed=int(rng.integers(1, 1 << 31)),
         )  # fmt: skip
-    return made
+        if plain.counts[0][1] > 1:
+            plain = replace(plain, position=(0.5, 0.5))
+        found.append(seat(folder, id_.format(i), plain))
+    return found
+
+
+def broken(folder: Path, kinds: Sequence[str] = BROKEN, id_: str = "broken_{}") -> list[Seat]:
+    """Submissions of which nothing, or only a part, can be judged."""
+    right = Specimen("correct", "tp3", ("mistakes",), Variant(), SMALL, ((16, 1),), seed=7)
+    found = []
+    for kind in kinds:
+        name = id_.format(kind)
+        home = folder / name
+        if kind == "link":
+            home.symlink_to("/etc")
+        elif kind == "archive":
+            inner = seat(folder, name, right)
+            with zipfile.ZipFile(folder / f"{name}.zip", "w") as archive:
+                archive.write(home / "n16_m1.png", "work/n16_m1.png")
+            shutil.rmtree(home)
+            found.append(Seat(f"{name}.zip", inner.truth))
+            continue
+        elif kind == "tiny":
+            seat(folder, name, replace(right, shape=(20, 30)))
+        elif kind == "truncated":
+            seat(folder, name, right)
+            file = home / "n16_m1.png"
+            file.write_bytes(file.read_bytes()[:5000])
+        else:
+            home.mkdir()
+            if kind == "text":
+                (home / "n16_m1.png").write_text("I could not make it work, sorry.\n")
+        found.append(Seat(name, None))
+    return found
+
+
+# ---------------------------------------------------------------- programs
+
+
+MUTANTS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
+    ((), ()),
+    (("pdf_times_cos",), ("WEIGHT=(cs / (cl * d * d))",)),
+    (("n_no_effect",), ("DRAWN=1",)),
+    (("no_shadow",), ("SEEN=1",)),
+    ((), ()),
+    (("not_divided_by_n",), ("SHARE=1.0",)),
+    (("area_omitted",), ("AREA=1.0",)),
+    (("only_one_light",), ("ADD==",)),
+    (("light_point_fixed",), ("PLACE=s = t = 0.5",)),
+)
+"""Mistakes, and the macros of student.c that make them"""
+HOSTILE: dict[str, tuple[str, tuple[str, ...]]] = {
+    "reads_reference": ("""
+        for folder in ("/", "/work", "/root", "/home", "..", "../.."):
+            for root, folders, files in os.walk(folder):
+                folders[:] = [f for f in folders if f not in ("usr", "proc", "sys", "lib", "etc")]
+                for file in files:
+                    if file.endswith(".exr") or file == "grades.journal":
+                        os.write(os.open(out, os.O_CREAT | os.O_WRONLY),
+                                 open(os.path.join(root, file), "rb").read())
+                        sys.exit()
+        """, ("no_image",)),
+    "link_out": ('os.symlink("/etc/passwd", out)', ("bad_image",)),
+    "fork_bomb": ("while True: os.fork()", ("process_limit",)),
+    "endless": ("while True: pass", ("time_limit",)),
+    "fills_disk": ("""
+        for i in range(100000):
+            open(os.path.join(os.path.dirname(out), str(i)), "wb").write(bytes(1 << 20))
+        """, ("disk_limit", "file_limit")),
+    "prints": ('while True: print("x" * 65536)', ("output_limit",)),
+    "memory": ("kept = [bytearray(b'x' * (1 << 28)) for _ in range(400)]", ("memory_limit",)),
+    "socket": ("""
+        import socket
+        socket.create_connection(("127.0.0.1", 80), 5)
+        """, ("forbidden", "crashed")),
+    "ignores_sigterm": ("""
+        import signal
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        while True: time.sleep(1)
+        """, ("time_limit",)),
+    "daemon": ("""
+        if not os.fork():
+            os.setsid()
+            if not os.fork():
+                time.sleep(3600)
+        """, ("no_image", "time_limit")),
+}  # fmt: skip
+"""Name, the program, and what it may be reported as"""
+PRELUDE = "import os, sys, time\nscene, n, seed, out = sys.argv[1:]\n"
+
+
+def programs(folder: Path, number: int, id_: str = "program{:03d}") -> list[Seat]:
+    """number submissions that build a C program, some of which make a mistake."""
+    found = []
+    for i in range(number):
+        truth, macros = MUTANTS[i % len(MUTANTS)]
+        home = folder / id_.format(i)
+        home.mkdir(parents=True)
+        shutil.copy(STUDENT, home / "mine.c")
+        flags = " ".join(shlex.quote(f"-D{macro}") for macro in macros)
+        build = f"gcc -O2 -fopenmp {flags} -o mine mine.c -ljansson -lm"
+        run = "./mine {scene} {light_samples} {seed} {out}"
+        _manifest(home, build, run)
+        found.append(Seat(home.name, truth))
+    return found
+
+
+def hostile(folder: Path, number: int = len(HOSTILE)) -> list[Seat]:
+    """Programs that no renderer is."""
+    found = []
+    for i in range(number):
+        name = list(HOSTILE)[i % len(HOSTILE)]
+        home = folder / f"hostile{i:02d}_{name}"
+        home.mkdir(parents=True)
+        program = textwrap.dedent(HOSTILE[name][0]).strip()
+        (home / "attack.py").write_text(PRELUDE + program + "\n")
+        _manifest(home, "", "python3 attack.py {scene} {light_samples} {seed} {out}")
+        found.append(Seat(home.name, None, HOSTILE[name][1]))
+    return found
+
+
+def _manifest(home: Path, build: str, run: str) -> None:
+    lines = ["[program]", *([f"build = {json.dumps(build)}"] if build else [])]
+    lines += [f"run = {json.dumps(run)}", 'image_suffix = ".pfm"']
+    (home / "penumbra.toml").write_text("\n".join(lines) + "\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--images", type=int, default=12)
+    parser.add_argument("--programs", type=int, default=0, help="a third of them hostile")
+    options = parser.parse_args()
+    seats = pictures(options.folder, max(options.images - len(BROKEN), 0))
+    seats += broken(options.folder, BROKEN[: options.images])
+    seats += programs(options.folder, options.programs - options.programs // 3)
+    seats += hostile(options.folder, options.programs // 3)
+    print(f"{len(seats)} submissions in {options.folder}")
+
+
+if __name__ == "__main__":
+    main()

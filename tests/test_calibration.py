@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,26 +13,26 @@ from penumbra.compare.check.verdict import UNKNOWN, WRONG
 Said = list[tuple[Specimen, dict[str, Any]]]
 
 
-def said_of(kind: str, folder: Path) -> Said:
-    return list(judged([s for s in few() if s.kind == kind], folder, jobs=1))
+def said_of(kind: str) -> Said:
+    return list(judged([s for s in few() if s.kind == kind], jobs=1))
 
 
-def test_no_correct_renderer_is_accused(tmp_path: Path) -> None:
+def test_no_correct_renderer_is_accused() -> None:
     """32 of them, of three programs, in every form that a picture has."""
-    right = said_of("correct", tmp_path)
+    right = said_of("correct")
     assert len(right) == 32
     assert [(s, words) for s, words in right if words["verdict"] == WRONG] == []
 
 
-def test_every_mistake_is_found_and_named(tmp_path: Path) -> None:
+def test_every_mistake_is_found_and_named() -> None:
     """12 mistakes at N = 16, each of which shows in tp3."""
-    ones = said_of("single", tmp_path)
+    ones = said_of("single")
     assert len(ones) == 12
     assert [(s, words) for s, words in ones if not named(s, words)] == []
 
 
-def test_of_two_mistakes_both_are_found_and_none_other(tmp_path: Path) -> None:
-    twos = said_of("pair", tmp_path)
+def test_of_two_mistakes_both_are_found_and_none_other() -> None:
+    twos = said_of("pair")
     assert len(twos) == 5
     for specimen, words in twos:
         assert words["verdict"] == WRONG
@@ -41,8 +40,8 @@ def test_of_two_mistakes_both_are_found_and_none_other(tmp_path: Path) -> None:
         assert set(words["mistakes"]) <= set(specimen.variant.mistakes), specimen
 
 
-def test_a_mistake_that_the_catalogue_lacks_is_unknown(tmp_path: Path) -> None:
-    lacking = said_of("left out", tmp_path)
+def test_a_mistake_that_the_catalogue_lacks_is_unknown() -> None:
+    lacking = said_of("left out")
     assert len(lacking) == 4
     assert [(s, words) for s, words in lacking if UNKNOWN not in words["mistakes"]] == []
     assert left_out(lacking)["nearest"] == 0

@@ -13,7 +13,7 @@ from PIL import Image
 from penumbra.compare.check import program
 from penumbra.compare.check.catalogue import Variant
 from penumbra.compare.check.mistaken import render
-from penumbra.compare.check.program import Examined, check_program
+from penumbra.compare.check.program import Examined, check_program, command_program
 from penumbra.compare.run.renderers import CommandRenderer, Job, MissingProgramError, RendererError
 
 TWO = "check_two_lights"
@@ -38,7 +38,7 @@ def examined(
         return 0.1
 
     monkeypatch.setattr(CommandRenderer, "run", run)
-    return check_program(TEMPLATE, ".png", scenes=scenes)
+    return check_program(command_program(TEMPLATE, ".png"), scenes=scenes)
 
 
 def test_a_right_program_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,9 +89,9 @@ def test_what_is_no_renderer_is_said(script: str, said: str, tmp_path: Path) -> 
     mine.chmod(0o755)
     template = f"{shlex.quote(str(mine))} {{scene}} {{light_samples}} {{out}} {{seed}}"
     with pytest.raises(RendererError, match=said):
-        check_program(template, ".png", timeout=1)
+        check_program(command_program(template, ".png", timeout=1))
 
 
 def test_a_program_that_is_missing_is_named() -> None:
     with pytest.raises(MissingProgramError, match="nowhere/mine"):
-        check_program("nowhere/mine {scene} {light_samples} {seed} {out}")
+        command_program("nowhere/mine {scene} {light_samples} {seed} {out}")

@@ -1,5 +1,5 @@
 """The class page and the students' sheets: they say what grades.json says, to whom it may be said,
-to every reader and on every screen and paper. The class is made up (tests/classroom.py)."""
+to every reader and on every screen and paper. The class is made up (tests/made_up.py)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from penumbra.compare.check.catalogue import catalogue
 from penumbra.compare.check.explanation import observations, title
 from penumbra.compare.check.words import WORDS
 from penumbra.report.class_page import file_names, write_class
-from tests import classroom, section
-from tests.classroom import PROBLEM, found, grades, submission
+from tests import made_up, section
+from tests.made_up import PROBLEM, found, grades, submission
 
 COUNT = 40
 OBSERVED = observations(found("wrong", ("area_omitted",)))
@@ -77,7 +77,7 @@ def browser() -> Iterator[Browser]:
 def room() -> dict[str, Any]:
     """With two that handed in the same"""
     last = submission("Zimmermann Ève", failed=True)
-    made = grades([*classroom.students(COUNT - 1), last])
+    made = grades([*made_up.students(COUNT - 1), last])
     first, second = (s for s in made["submissions"][:2])
     first["same_as"], second["same_as"] = [second["id"]], [first["id"]]
     return made
@@ -209,7 +209,7 @@ def test_a_row_opens_to_what_its_verdict_rests_on(page: Page, room: dict[str, An
 
 def test_every_column_sorts_both_ways_and_says_so(page: Page) -> None:
     heads = page.locator("#class thead th")
-    assert heads.count() == 5 + len(classroom.RUBRIC)
+    assert heads.count() == 5 + len(made_up.RUBRIC)
     for column in range(heads.count()):
         keys = []
         for direction in ("ascending", "descending"):
@@ -340,7 +340,7 @@ def test_without_javascript_every_row_is_there_and_opens(
 
 def test_three_hundred_rows_sort_and_filter_quickly(browser: Browser, tmp_path: Path) -> None:
     """In less than a second of the processor each, which a busy machine does not change."""
-    write_class(tmp_path, grades(classroom.students(300)))
+    write_class(tmp_path, grades(made_up.students(300)))
     complaints: list[str] = []
     tab = opened(browser.new_context(viewport={"width": 1280, "height": 900}), tmp_path, complaints)
     session = tab.context.new_cdp_session(tab)
@@ -486,7 +486,7 @@ def test_a_sheet_with_hint_0_says_points_and_results_only(tmp_path: Path) -> Non
         assert WORDS["wrong"] in sheet and "10 of 20" in re.sub(r"</?b>", "", sheet)
         known = [catalogue().mistakes[name] for name in mistakes]
         told = [m.title for m in known] + [m.cause for m in known] + OBSERVED
-        told += [classroom.FACT, "Your pictures show"]
+        told += [made_up.FACT, "Your pictures show"]
         for said in told:
             assert (said in sheet) == (hint == 3), said
         assert not [name for name in mistakes if name in whole]

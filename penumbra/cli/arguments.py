@@ -5,7 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
+
+from penumbra.cli.exit import UsageError
+
+if TYPE_CHECKING:
+    from penumbra.compare.run.tasks import Scheduler
 
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
@@ -119,3 +124,39 @@ def add_cycles(parser: argparse.ArgumentParser, default: str) -> None:
 def add_size(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--width", type=positive, metavar="W", help=f"pixels [{default}]")
     parser.add_argument("--height", type=positive, metavar="H", help="pixels, with --width")
+
+
+def add_scheduler(parser: argparse.ArgumentParser, jobs: bool = True) -> None:
+    """--scheduler and its keys; jobs: --jobs too."""
+    if jobs:
+        parser.add_argument(
+            "--jobs", type=positive, metavar="J", help="processes on this machine [every core]"
+        )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS|FILE",
+        help="work on the workers of this Dask scheduler instead, tcp://host:8786 or the file of "
+        "`dask scheduler --scheduler-file` (docs/scale.md)",
+    )
+    for name, what in (
+        ("ca", "certificate of who signed the scheduler's and the workers'"),
+        ("cert", "certificate to show them"),
+        ("key", "key of --tls-cert"),
+    ):
+        parser.add_argument(
+            f"--tls-{name}", type=Path, metavar="FILE.pem", help=f"with --scheduler tls://: {what}"
+        )
+
+
+def scheduler_of(options: argparse.Namespace) -> Scheduler | None:
+    """What add_scheduler's options name. Raises UsageError, SchedulerError."""
+    from penumbra.compare.run.tasks import Scheduler
+
+    keys = (options.tls_ca, options.tls_cert, options.tls_key)
+    if options.scheduler is None:
+        if any(keys):
+            raise UsageError("--tls-ca, --tls-cert and --tls-key go with --scheduler")
+        return None
+    if getattr(options, "jobs", None):
+        raise UsageError("--jobs is of this machine: leave it out with --scheduler")
+    return Scheduler(options.scheduler, *keys)

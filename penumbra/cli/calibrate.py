@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from penumbra.cli.arguments import Subcommands, add_out, add_subcommand, positive
+from penumbra.cli.arguments import (
+    Subcommands,
+    add_out,
+    add_scheduler,
+    add_subcommand,
+    positive,
+    scheduler_of,
+)
 from penumbra.cli.exit import PASS
 from penumbra.compare.run.output import named, plain
 
@@ -34,13 +41,22 @@ def add(subcommands: Subcommands) -> None:
     parser.add_argument(
         "--reduced", action="store_true", help="the few of the tests: a minute instead of 10"
     )
+    add_scheduler(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     from penumbra.compare.check.calibration import study
 
     out: Path = options.out
-    found = study(out, options.cases, options.correct, options.seed, options.reduced)
+    found = study(
+        out,
+        options.cases,
+        options.correct,
+        options.seed,
+        options.reduced,
+        options.jobs,
+        scheduler_of(options),
+    )
     right, detected, first, unknown = (
         found[key] for key in ("correct", "detected", "named", "unknown")
     )

@@ -66,6 +66,7 @@ def add(subcommands: Subcommands) -> None:
 def run(options: argparse.Namespace) -> int:
     from penumbra.compare.check.checking import check, check_renderer, verdict_json
     from penumbra.compare.check.explanation import text
+    from penumbra.compare.check.program import command_program
 
     if bool(options.images) == bool(options.renderer):
         raise UsageError("give either images or --renderer COMMAND")
@@ -73,11 +74,9 @@ def run(options: argparse.Namespace) -> int:
         if options.light_samples or options.pixel_samples or options.scene != "tp3":
             raise UsageError("--renderer chooses scenes and samples itself")
         checked = check_renderer(
-            options.renderer,
-            options.image_suffix,
-            options.timeout,
+            command_program(options.renderer, options.image_suffix, options.timeout),
             options.budget,
-            lambda experiment, why: print(
+            progress=lambda experiment, why: print(
                 f"{experiment}" + (f": {why}" if options.hint > 1 else ""), file=sys.stderr
             ),
         )

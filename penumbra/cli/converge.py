@@ -11,10 +11,12 @@ from penumbra.cli.arguments import (
     Subcommands,
     add_cycles,
     add_scene,
+    add_scheduler,
     add_size,
     add_subcommand,
     positive,
     sample_counts,
+    scheduler_of,
     seconds,
 )
 from penumbra.cli.exit import PASS
@@ -117,6 +119,7 @@ def add(subcommands: Subcommands) -> None:
         parser, "the reference's, else 300 across if the renderers take a size, else the scene's"
     )
     parser.add_argument("--keep-images", action="store_true", help="keep the images in OUT_images/")
+    add_scheduler(parser, jobs=False)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -135,7 +138,7 @@ def run(options: argparse.Namespace) -> int:
         pixel_grid=options.pixel_grid,
         keep_images=options.keep_images,
     )
-    result = converge(study)
+    result = converge(study, scheduler_of(options))
     _print_slopes(result)
     print(f"written: {out}.csv and {out}.json")
     return PASS

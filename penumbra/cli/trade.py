@@ -9,11 +9,13 @@ from penumbra.cli.arguments import (
     Subcommands,
     add_cycles,
     add_scene,
+    add_scheduler,
     add_size,
     add_subcommand,
     errors,
     positive,
     sample_counts,
+    scheduler_of,
     seconds,
 )
 from penumbra.cli.exit import PASS
@@ -84,6 +86,7 @@ def add(subcommands: Subcommands) -> None:
         action="store_true",
         help="images of equal time and of equal error, for the report, in OUT_images/",
     )
+    add_scheduler(parser, jobs=False)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -106,7 +109,8 @@ def run(options: argparse.Namespace) -> int:
             width=options.width,
             height=options.height,
             keep_images=options.keep_images,
-        )
+        ),
+        scheduler_of(options),
     )
     for answer in result["answers"]:
         print(answer["text"])

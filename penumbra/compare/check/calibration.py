@@ -7,15 +7,14 @@ docs/check.md tells what came of it.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
-import os
 import sys
 import tempfile
+import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import asdict, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from scipy import stats
 from tqdm import tqdm
 
 from penumbra.compare.check.catalogue import FILE, RIGHT, SPLIT, Variant, catalogue
+from penumbra.compare.check.checking import Checker
 from penumbra.compare.check.diagnosis import (
     ACCUSED,
     COARSE_GRID,
@@ -36,15 +36,14 @@ from penumbra.compare.check.diagnosis import (
     singles,
 )
 from penumbra.compare.check.diagnosis import _sensible as sensible
-from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.mistaken import LIBRARY
-from penumbra.compare.check.picture import Picture
 from penumbra.compare.check.specimens import GENERATORS, Maker, Specimen
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, verdict
 from penumbra.compare.check.view import View
 from penumbra.compare.run.journal import Journal
 from penumbra.compare.run.output import write_json
 from penumbra.compare.run.provenance import ROOT, file_hash, origin
+from penumbra.compare.run.tasks import Lost, Scheduler, Task, content_key, run_tasks
 from penumbra.compare.scene import read_scene
 
 SCENES = ("tp3", "tp3_statement", "tp3_sheared", "tp3_two_quads")
@@ -57,8 +56,8 @@ CLEAR = 2.0
 FROM = 16
 """Light samples from which every mistake that shows must be found"""
 CONFIDENCE = 0.95
-KEPT_VIEWS = 24
-JOBS = 2
+CHUNK = 6
+"""Specimens of a task: of the same rays, mostly, and so of one view"""
 COMMON = (
     ("domain", "diagonal"), ("domain", "corner"), ("domain", "about_corner"),
     ("weight", "pdf_times_cos"), ("weight", "no_light_cosine"), ("weight", "cos_of_cos_receiver"),
@@ -73,6 +72,10 @@ COMMON = (
 """What pairs are made of: the commonest mistakes of each module"""
 TOO_RARE = ("acne_0_995",)
 """Choices whose noise is that of so few pixels that what a cell shows of it is not foretold"""
+
+
+class CalibrationError(RuntimeError):
+    """A picture that ended every process that looked at it; the text names it."""
 
 
 # ---------------------------------------------------------------- what is drawn
@@ -330,30 +333,18 @@ def _left_out(
 class Bench:
     """What specimens have in common, computed once. Raises MissingProgramError."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._views: dict[tuple[Any, ...], View] = {}
+    def __init__(self) -> None:
+        self.checker = Checker()
 
-    def judge(self, specimen: Specimen) -> dict[str, Any]:
-        """What a check says of it, and how far it should be able to tell."""
-        scene = read_scene(specimen.scene_file)
-        pictures = specimen.pictures(scene, self.folder)
-        if specimen.fitted:
-            single = next((p for p in pictures if p.samples_per_pixel == 1), None)
-            first = fit_grid(single, scene) if single else None
-            grids = [
-                first if first and p.samples_per_pixel == 1 else fit_grid(p, scene)
-                for p in pictures
-            ]
-        else:
-            grids = [(specimen.grid(p.samples_per_pixel), 0) for p in pictures]
-        fresh = specimen.variant.colour != RIGHT
-        views = [
-            self.view(specimen, picture, grid, fresh)
-            for picture, (grid, _) in zip(pictures, grids, strict=True)
-        ]
+    def judge(self, specimen: Specimen, folder: Path) -> dict[str, Any]:
+        """What a check says of it, and how far it should be able to tell. Its pictures pass through
+        a folder."""
+        scene_file = specimen.scene_file
+        pictures = specimen.pictures(self.checker.scene(scene_file), folder)
+        given = [(specimen.grid(p.samples_per_pixel), 0) for p in pictures]
+        views, grids = self.checker.look(pictures, scene_file, None if specimen.fitted else given)
         diagnosis = diagnose(views, without=specimen.without)
-        said = verdict(diagnosis, grids, specimen.scene_file)
+        said = verdict(diagnosis, grids, scene_file)
         best = diagnosis.best.variant
         expected = [gain(view, specimen.variant, Variant()) for view in views]
         from_best = [gain(view, specimen.variant, best) for view in views]
@@ -373,37 +364,20 @@ class Bench:
             "miss": [miss for _, miss in grids],
         }
 
-    def view(self, specimen: Specimen, picture: Picture, grid: Grid, fresh: bool) -> View:
-        """One of the same rays, with this picture."""
-        key = (specimen.scene, picture.values.shape, replace(grid, jittered=False))
-        if key not in self._views or fresh:
-            if len(self._views) >= KEPT_VIEWS:
-                self._views.pop(next(iter(self._views)))
-            scene = read_scene(specimen.scene_file)
-            view = View(picture, grid, scene, specimen.scene_file, FINE_GRID)
-            if fresh:
-                return view
-            self._views[key] = view
-        return self._views[key].of(picture, grid)
+
+_of_thread = threading.local()
 
 
-_bench: Bench | None = None
+def _judge(chunk: Sequence[Specimen]) -> list[dict[str, Any]]:
+    """Of each; what they have in common stays for the next chunk."""
+    with tempfile.TemporaryDirectory() as folder:
+        bench = _of_thread.bench = getattr(_of_thread, "bench", None) or Bench()
+        return [bench.judge(specimen, Path(folder)) for specimen in chunk]
 
 
-def _judge(task: tuple[Specimen, Path]) -> dict[str, Any]:
-    """In a process of its own."""
-    global _bench
-    specimen, folder = task
-    if _bench is None:
-        _bench = Bench(folder)
-    return _bench.judge(specimen)
-
-
-def judged(
-    specimens: Sequence[Specimen], folder: Path, jobs: int = JOBS
-) -> Iterator[tuple[Specimen, dict[str, Any]]]:
-    """Each with what was said of it, those of the same rays one after another."""
-    ordered = sorted(
+def by_rays(specimens: Sequence[Specimen]) -> list[Specimen]:
+    """Those of the same rays one after another."""
+    return sorted(
         specimens,
         key=lambda s: (
             s.scene,
@@ -414,37 +388,66 @@ def judged(
             s.ray_max_distance,
         ),
     )
-    tasks = [(specimen, folder) for specimen in ordered]
-    if jobs == 1:
-        yield from zip(ordered, map(_judge, tasks), strict=True)
+
+
+def judged(
+    specimens: Sequence[Specimen],
+    jobs: int | None = None,
+    scheduler: Scheduler | None = None,
+) -> Generator[tuple[Specimen, dict[str, Any]], None, None]:
+    """Each with what was said of it, as they get done; one job is done in this process.
+
+    Raises CalibrationError, and what run_tasks() raises.
+    """
+    ordered = by_rays(specimens)
+    chunks = [tuple(ordered[i : i + CHUNK]) for i in range(0, len(ordered), CHUNK)]
+    if jobs == 1 and scheduler is None:
+        for chunk in chunks:
+            yield from zip(chunk, _judge(chunk), strict=True)
         return
-    os.environ["OMP_NUM_THREADS"] = "1"  # each process has one core
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        yield from zip(ordered, pool.map(_judge, tasks, chunksize=6), strict=True)
+    tasks = [Task(content_key(version(), *(s.key for s in chunk)), chunk) for chunk in chunks]
+    with contextlib.closing(run_tasks(_judge, tasks, scheduler, jobs)) as done:
+        for task, said in done:
+            if isinstance(said, Lost):
+                first = task.argument[0]
+                raise CalibrationError(f"{first}, or one of the next {CHUNK - 1}: {said.reason}")
+            yield from zip(task.argument, said, strict=True)
+
+
+def version() -> str:
+    """Of all that decides what is said."""
+    own = sorted((ROOT / "penumbra" / "compare" / "check").glob("*.py"))
+    return file_hash(*own, FILE, LIBRARY)[:12]
 
 
 def study(
-    out: Path, cases: int, correct: int, seed: int, reduced: bool = False, jobs: int = JOBS
+    out: Path,
+    cases: int,
+    correct: int,
+    seed: int,
+    reduced: bool = False,
+    jobs: int | None = None,
+    scheduler: Scheduler | None = None,
 ) -> dict[str, Any]:
-    """Draw, judge, sum up, write. A run that was stopped goes on where it was.
+    """Draw, judge, sum up, write. A run that was stopped goes on where it was; the result is the
+    same whoever did it, but for its origin.
 
-    Raises MissingProgramError, JournalError, OSError."""
-    specimens = few() if reduced else draw(cases, correct, seed)
-    own = sorted((ROOT / "penumbra" / "compare" / "check").glob("*.py"))
-    version = file_hash(*own, FILE, LIBRARY)[:12]
-    records = []
-    with Journal(out.with_suffix(".journal")) as journal, tempfile.TemporaryDirectory() as folder:
-        for s in specimens:
-            if (value := journal.get(f"{version} {s.key}")) is not None:
-                records.append((s, value))
-        done = {s.key for s, _ in records}
-        rest = [s for s in specimens if s.key not in done]
-        progress = tqdm(total=len(specimens), initial=len(records), file=sys.stderr, unit="picture")
-        with progress:
-            for s, value in judged(rest, Path(folder), jobs):
-                journal.append(f"{version} {s.key}", value)
-                records.append((s, value))
+    Raises MissingProgramError, JournalError, OSError, and what judged() raises."""
+    specimens = by_rays(few() if reduced else draw(cases, correct, seed))
+    own = version()
+    with Journal(out.with_suffix(".journal")) as journal:
+        rest = [s for s in specimens if journal.get(f"{own} {s.key}") is None]
+        progress = tqdm(
+            total=len(specimens),
+            initial=len(specimens) - len(rest),
+            file=sys.stderr,
+            unit="picture",
+        )
+        with progress, contextlib.closing(judged(rest, jobs, scheduler)) as done:
+            for s, value in done:
+                journal.append(f"{own} {s.key}", value)
                 progress.update()
+        records = [(s, journal.get(f"{own} {s.key}") or {}) for s in specimens]
         result = summary(records)
         result["settings"] = {
             **{"cases": cases, "correct": correct, "seed": seed, "reduced": reduced},
@@ -455,7 +458,8 @@ def study(
         result["hidden"] = hidden()
         result = {"origin": origin(), **result}
         write_json(out, result)
-        journal.delete()
+        if scheduler is None:  # else the same command costs nothing once more
+            journal.delete()
     return result
 
 

@@ -7,18 +7,29 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from penumbra.compare.check.diagnosis import Diagnosis, diagnose, look
+from penumbra.compare.check.diagnosis import FINE_GRID, Diagnosis, diagnose
 from penumbra.compare.check.explanation import observations
-from penumbra.compare.check.grid import Grid
-from penumbra.compare.check.picture import counts_in_name, read_picture
+from penumbra.compare.check.grid import Grid, fit_grid
+from penumbra.compare.check.picture import Picture, counts_in_name, read_picture
 from penumbra.compare.check.prediction import surface_lights
-from penumbra.compare.check.program import BUDGET, Examined, Progress, check_program
+from penumbra.compare.check.program import (
+    BUDGET,
+    FEWEST_CELLS,
+    SCENES,
+    Examined,
+    Progress,
+    Subject,
+    check_program,
+)
 from penumbra.compare.check.verdict import Verdict, verdict
 from penumbra.compare.check.view import View, lead_of
 from penumbra.compare.measure.image import ImageError
 from penumbra.compare.run.provenance import origin
-from penumbra.compare.run.renderers import TIMEOUT
-from penumbra.compare.scene import read_scene
+from penumbra.compare.scene import Scene, read_scene
+
+KEPT_VIEWS = 24
+Fitted = Sequence[tuple[Grid, int]]
+"""Grids, and how many pixels of outline each leaves unexplained"""
 
 
 class CheckError(ValueError):
@@ -40,22 +51,101 @@ class Checked:
         return self.examined.telling.view if self.examined else lead_of(self.diagnosis.views)
 
 
+class Checker:
+    """Checks pictures, and keeps what is computed for the rays of a scene: pictures with the same
+    rays, of whoever, share it. What is said of each is what it is without."""
+
+    def __init__(self, kept: int = KEPT_VIEWS) -> None:
+        self.kept = kept
+        self._views: dict[tuple[Path, tuple[int, ...], Grid], View] = {}
+        """the one used last is last"""
+        self._scenes: dict[Path, Scene] = {}
+
+    def scene(self, scene_file: Path) -> Scene:
+        """Raises SceneError, or CheckError for one of which no picture can be checked."""
+        if scene_file not in self._scenes:
+            scene = read_scene(scene_file)
+            if not surface_lights(scene):
+                raise CheckError(f"{scene_file}: has no area light: there is nothing to sample")
+            if scene.point_lights:
+                raise CheckError(
+                    f"{scene_file}: has a point light: only area lights can be checked"
+                )
+            self._scenes[scene_file] = scene
+        return self._scenes[scene_file]
+
+    def look(
+        self, pictures: Sequence[Picture], scene_file: Path, given: Fitted | None = None
+    ) -> tuple[list[View], Fitted]:
+        """The pictures of one scene on their grids; given: these, where they are known.
+
+        Raises SceneError, CheckError, MissingProgramError."""
+        scene = self.scene(scene_file)
+        fitted = given or _fit(pictures, scene)
+        views: dict[tuple[tuple[int, ...], Grid], View] = {}
+        found = []
+        for picture, (grid, _) in zip(pictures, fitted, strict=True):
+            rays = picture.values.shape, replace(grid, jittered=False)
+            if rays not in views:
+                views[rays] = self._view(picture, grid, scene, scene_file)
+            found.append(views[rays].of(picture, grid))
+        return found, fitted
+
+    def decide(self, views: Sequence[View], fitted: Fitted, scene_file: Path) -> Checked:
+        """The verdict on what was looked at. Raises MissingProgramError."""
+        diagnosis = diagnose(views)
+        found = verdict(diagnosis, fitted, scene_file)
+        return Checked(found, diagnosis, tuple(fitted), scene_file)
+
+    def _view(self, picture: Picture, grid: Grid, scene: Scene, scene_file: Path) -> View:
+        key = scene_file, picture.values.shape, replace(grid, jittered=False)
+        kept = self._views.pop(key, None)
+        view = kept
+        if view is None or not view.suits(picture):
+            view = View(picture, grid, scene, scene_file, FINE_GRID)
+        keep = kept or (None if view.recoloured else view)
+        if keep is not None:
+            self._views[key] = keep
+            if len(self._views) > self.kept:
+                self._views.pop(next(iter(self._views)))
+        return view
+
+
+def _fit(pictures: Sequence[Picture], scene: Scene) -> Fitted:
+    """Those that take one ray a pixel have one grid."""
+    single = next((p for p in pictures if p.samples_per_pixel == 1), None)
+    first = fit_grid(single, scene) if single else None
+    return [
+        first if first and picture.samples_per_pixel == 1 else fit_grid(picture, scene)
+        for picture in pictures
+    ]
+
+
+def too_small(view: View) -> str:
+    """Why its picture tells nothing; "" if it may."""
+    if len(view.count) >= FEWEST_CELLS:
+        return ""
+    return (
+        f"{view.picture.name}: too small to tell anything: fewer than {FEWEST_CELLS} cells of 8x8 "
+        "pixels"
+    )
+
+
 def check(
     files: Sequence[Path],
     scene_file: Path,
     light_samples: int | None = None,
     pixel_samples: int | None = None,
+    checker: Checker | None = None,
 ) -> Checked:
     """Check pictures of one scene by one renderer.
 
     light_samples, pixel_samples: of all of them; None: as their names say (n016_aa01.png), 1 pixel
-    sample where they do not. Raises CheckError, ImageError, SceneError, MissingProgramError.
+    sample where they do not. checker: that further pictures are checked with. Raises CheckError,
+    ImageError, SceneError, MissingProgramError.
     """
-    scene = read_scene(scene_file)
-    if not surface_lights(scene):
-        raise CheckError(f"{scene_file}: has no area light: there is nothing to sample")
-    if scene.point_lights:
-        raise CheckError(f"{scene_file}: has a point light: only area lights can be checked")
+    checker = checker or Checker()
+    scene = checker.scene(scene_file)
     pictures = []
     for file in files:
         n, m = counts_in_name(file)
@@ -66,26 +156,23 @@ def check(
                 "give --light-samples N"
             )
         pictures.append(read_picture(file, scene, n, m))
-    views, grids = look(pictures, scene, scene_file)
-    for file, view in zip(files, views, strict=True):
-        if len(view.count) < 20:
-            raise ImageError(
-                f"{file}: too small to tell anything: fewer than 20 cells of 8x8 pixels"
-            )
-    diagnosis = diagnose(views)
-    return Checked(verdict(diagnosis, grids, scene_file), diagnosis, tuple(grids), scene_file)
+    views, fitted = checker.look(pictures, scene_file)
+    for view in views:
+        if reason := too_small(view):
+            raise ImageError(reason)
+    return checker.decide(views, fitted, scene_file)
 
 
 def check_renderer(
-    command: str,
-    suffix: str = ".exr",
-    timeout: float = TIMEOUT,
+    subject: Subject,
     budget: float = BUDGET,
+    scenes: Sequence[str] = SCENES,
+    pictures: int | None = None,
     progress: Progress | None = None,
 ) -> Checked:
     """Check a program, which gets the scenes: what is said of it holds for all of its pictures. See
     check_program for arguments and errors."""
-    examined = check_program(command, suffix, timeout, budget, progress=progress)
+    examined = check_program(subject, budget, scenes, pictures, progress)
     diagnosis, grids = examined.diagnosis, examined.grids
     file = examined.telling.experiment.scene_file
     lead = examined.telling.view

@@ -12,15 +12,12 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from penumbra.compare.check.catalogue import RIGHT, SPLIT, Choice, Variant, catalogue
-from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.moments import Key
-from penumbra.compare.check.picture import Picture
 from penumbra.compare.check.prediction import brightness, key_of, one_place, surface_lights
 from penumbra.compare.check.view import Statistics, View, lead_of
 from penumbra.compare.scene import QuadLight, Scene
@@ -91,6 +88,8 @@ class Diagnosis:
     """other names that foretell the very same pictures"""
     hidden: tuple[str, ...]
     """mistakes that would not show in these pictures"""
+    excluded: tuple[str, ...]
+    """mistakes that would have shown, alone or beside the best, and did not"""
     shares: tuple[float, ...]
     """how much each picture counts: less where others hold the same random numbers"""
     light: FreeLight | None = None
@@ -109,39 +108,6 @@ class FreeLight:
     """(k,)"""
     inside: float
     """share of the weight on the light"""
-
-
-def look(
-    pictures: Sequence[Picture], scene: Scene, scene_file: Path
-) -> tuple[list[View], list[tuple[Grid, int]]]:
-    """The pictures on their grids; those with one grid share what is computed for it."""
-    fitted: list[tuple[Grid, int]] = []
-    views: list[View] = []
-    single = next((p for p in pictures if p.samples_per_pixel == 1), None)
-    first = fit_grid(single, scene) if single else None
-    for picture in pictures:
-        grid, miss = first if picture is single and first else _fit_like(picture, scene, first)
-        fitted.append((grid, miss))
-        twin = next(
-            (
-                view
-                for view in views
-                if replace(view.grid, jittered=False) == replace(grid, jittered=False)
-                and view.picture.values.shape == picture.values.shape
-            ),
-            None,
-        )
-        views.append(
-            twin.of(picture, grid) if twin else View(picture, grid, scene, scene_file, FINE_GRID)
-        )
-    return views, fitted
-
-
-def _fit_like(picture: Picture, scene: Scene, first: tuple[Grid, int] | None) -> tuple[Grid, int]:
-    """A further picture's grid: the first one's, if both take one ray a pixel."""
-    if first and picture.samples_per_pixel == 1:
-        return first
-    return fit_grid(picture, scene)
 
 
 def diagnose(views: Sequence[View], power_known: bool = False, without: str = "") -> Diagnosis:
@@ -369,6 +335,7 @@ class Search:
             tuple(sure),
             self._alike(top),
             self._hidden(top),
+            self.excluded(top),
             tuple(self.shares),
             light,
             self.local(top),
@@ -424,6 +391,18 @@ class Search:
                 )
                 shown[choice.mistake] = shown.get(choice.mistake, False) or seen
         return tuple(name for name, seen in shown.items() if not seen)
+
+    def excluded(self, top: Variant) -> tuple[str, ...]:
+        """Names of mistakes that would have shown beside the top's."""
+        names: dict[str, None] = {}
+        plain = Variant()
+        for choice in top.wrong:
+            plain = plain.replaced(choice)
+        for variant in pairs(plain, self.scenes, self.many, self.without):
+            new = set(variant.mistakes) - set(plain.mistakes) - set(names)
+            if new and self.apart(variant, plain) > ACCUSED + PRICE_ONE:
+                names.update(dict.fromkeys(sorted(new)))
+        return tuple(names)
 
     def apart(self, a: Variant, b: Variant) -> float:
         """How far, on average, the one's score is above the other's where it is the truth."""

@@ -8,12 +8,12 @@ expected to tell most for its cost. All pictures are judged together (diagnosis.
 from __future__ import annotations
 
 import math
-import shlex
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from penumbra.compare.check.diagnosis import (
     Diagnosis,
     Search,
     keys_of,
-    pairs,
 )
 from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.picture import Picture, read_picture
@@ -49,6 +48,11 @@ BUDGET = 120.0
 """[s] of our own"""
 OWN_SECONDS, OWN_SECONDS_SCENE = 1.0, 3.0
 """What a picture costs us, and one of a scene that was not yet seen [s]"""
+SECONDS_A_SAMPLE = 1e-7
+"""What a light sample costs a program where that is not measured: about twice what it costs
+core/estimator.c on one thread [s]"""
+THREADS = 4
+"""The several threads of a program whose check must not depend on the machine"""
 FOR_PICTURES = 0.7
 """Of the budget; the rest is for the last look at all of them"""
 FEWEST_CELLS = 20
@@ -78,6 +82,25 @@ class Experiment:
         return f"{self.scene_file.stem}, {self.nb_light_samples} light samples{m}"
 
 
+class Subject(Protocol):
+    """A program that is checked: a CommandRenderer, or one that runs in a cage."""
+
+    @property
+    def suffix(self) -> str:
+        """of its images"""
+
+    @property
+    def placeholders(self) -> frozenset[str]:
+        """which of renderers.REQUIRED and OPTIONAL it takes; threads, whichever way"""
+
+    def run(self, job: Job, out: Path) -> float:
+        """Render one image; the wall time [s]. Raises RendererError, MissingProgramError."""
+
+    def refused(self, job: Job, out: Path, why: str) -> ValueError:
+        """The error of an image that was made and is of no use: a RendererError, or one that says
+        more."""
+
+
 Progress = Callable[[Experiment, str], None]
 """Told each picture before it is rendered, and why"""
 
@@ -96,6 +119,18 @@ class Trial:
 
 
 @dataclass(frozen=True)
+class SpeedUp:
+    """What several threads are worth, as measured."""
+
+    threads: int
+    ratio: float
+    """the time of one thread, over that of all"""
+
+    def __str__(self) -> str:
+        return f"{self.threads} threads are {self.ratio:.2g} times as fast as one"
+
+
+@dataclass(frozen=True)
 class Examined:
     """What a program's pictures say."""
 
@@ -109,6 +144,8 @@ class Examined:
     """mistakes that would have shown, alone or beside the best, and did not"""
     seconds: float
     """of our own, without the program's"""
+    speed_up: SpeedUp | None = None
+    """None: one core, or too quick to tell"""
 
     @property
     def telling(self) -> Trial:
@@ -122,40 +159,48 @@ class Examined:
         return tuple((trial.view.grid, trial.unexplained_outline) for trial in self.trials)
 
 
+def command_program(
+    template: str, suffix: str = ".exr", timeout: float = TIMEOUT
+) -> CommandRenderer:
+    """A CommandRenderer's command, as a program to check. It runs on this machine, as you, without
+    a shell, in a process group of its own.
+
+    suffix: of the pictures that it writes; timeout: of each [s]. Raises RendererError,
+    MissingProgramError.
+    """
+    renderer = CommandRenderer("program", template, suffix, timeout)
+    renderer.fingerprint()  # says that it is missing
+    if "threads" in renderer.placeholders:
+        return renderer
+    return replace(renderer, command=f"env OMP_NUM_THREADS={{threads}} {template}")
+
+
 def check_program(
-    template: str,
-    suffix: str = ".exr",
-    timeout: float = TIMEOUT,
+    subject: Subject,
     budget: float = BUDGET,
     scenes: Sequence[str] = SCENES,
+    pictures: int | None = None,
     progress: Progress | None = None,
 ) -> Examined:
-    """Run a program, a CommandRenderer's command, until its
-    pictures tell what is wrong with it. It runs on this machine, as you, without a shell, in a
-    process group of its own.
+    """Run a program until its pictures tell what is wrong with it.
 
-    suffix: of the pictures that it writes; timeout: of each [s]; budget: of our own time [s];
-    scenes: names in scenes/, the first one first.
+    budget: of our own time [s]; scenes: names in scenes/, the first one first; pictures: so many
+    at most, whatever time they take, beside three for seeds and threads. Which ones are asked for
+    then depends on the pictures and on nothing of this machine, and no fact has a measured time.
     Raises RendererError, MissingProgramError, SceneError.
     """
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
-        program = _Program(template, suffix, timeout, Path(folder))
-        examination = _Examination(program, scenes, progress or (lambda experiment, why: None))
-        return examination.run(budget)
+        program = _Program(subject, Path(folder))
+        told = progress or (lambda experiment, why: None)
+        return _Examination(program, scenes, pictures, told).run(budget)
 
 
 class _Program:
-    """The command, and what its runs took."""
+    """The program, and what its runs took."""
 
-    def __init__(self, template: str, suffix: str, timeout: float, folder: Path) -> None:
+    def __init__(self, subject: Subject, folder: Path) -> None:
         self.folder = folder
-        self.renderer = CommandRenderer("program", template, suffix, timeout)
-        self.renderer.fingerprint()  # says that it is missing
-        if "threads" not in self.renderer.placeholders:
-            self.renderer = CommandRenderer(
-                "program", f"env OMP_NUM_THREADS={{threads}} {template}", suffix, timeout
-            )
-        self.placeholders = self.renderer.placeholders
+        self.subject = subject
         self.runs: list[tuple[float, float]] = []
         """light samples drawn, and seconds, of each run"""
         self.seconds = 0.0
@@ -164,20 +209,17 @@ class _Program:
     def picture(self, experiment: Experiment, scene: Scene) -> tuple[Picture, float]:
         """The picture, and the seconds that it took. Raises RendererError."""
         self._number += 1
-        out = self.folder / f"{self._number:03d}{self.renderer.suffix}"
-        width, height = scene.width, scene.height
-        n, m = experiment.nb_light_samples, experiment.samples_per_pixel
-        job = Job(experiment.scene_file, width, height, n, m, experiment.seed, experiment.threads)
-        seconds = self.renderer.run(job, out)
+        out = self.folder / f"{self._number:03d}{self.subject.suffix}"
+        job = _job(experiment, scene)
+        seconds = self.subject.run(job, out)
         try:
-            picture = read_picture(out, scene, n, m)
+            picture = read_picture(out, scene, job.light_samples, job.pixel_samples)
         except ImageError as error:
-            words = shlex.join(self.renderer.arguments(job, out))
-            raise RendererError(f"program: wrote no good image: {error}: {words}") from error
+            raise self.subject.refused(job, out, f"wrote no good image: {error}") from error
         finally:
             out.unlink(missing_ok=True)
         self.seconds += seconds
-        self.runs.append((width * height * n * m, seconds))
+        self.runs.append((_drawn(experiment, scene), seconds))
         return picture, seconds
 
     def expected_seconds(self, experiment: Experiment, scene: Scene) -> float:
@@ -186,8 +228,19 @@ class _Program:
 
         drawn, seconds = np.array(self.runs).T
         (start, each), _ = nnls(np.stack([np.ones_like(drawn), drawn], axis=1), seconds)
-        samples = experiment.nb_light_samples * experiment.samples_per_pixel
-        return float(start + each * scene.width * scene.height * samples)
+        return float(start + each * _drawn(experiment, scene))
+
+
+def _job(experiment: Experiment, scene: Scene) -> Job:
+    n, m = experiment.nb_light_samples, experiment.samples_per_pixel
+    width, height = scene.width, scene.height
+    return Job(experiment.scene_file, width, height, n, m, experiment.seed, experiment.threads)
+
+
+def _drawn(experiment: Experiment, scene: Scene) -> int:
+    """Light samples in all."""
+    samples = experiment.nb_light_samples * experiment.samples_per_pixel
+    return scene.width * scene.height * samples
 
 
 @dataclass
@@ -228,18 +281,26 @@ def _black(like: Picture, shape: tuple[int, ...]) -> Picture:
 
 
 class _Examination:
-    def __init__(self, program: _Program, scenes: Sequence[str], progress: Progress) -> None:
-        self.program, self.progress = program, progress
+    def __init__(
+        self,
+        program: _Program,
+        scenes: Sequence[str],
+        pictures: int | None,
+        progress: Progress,
+    ) -> None:
+        self.program, self.pictures, self.progress = program, pictures, progress
+        self.threads = None if pictures is None else THREADS
         files = [ROOT / "scenes" / f"{name}.json" for name in scenes]
         read = [(file, read_scene(file)) for file in files]
         self.stages = [
             _Stage(file, scene, Grid(scene.camera.fov_y_deg, cut=scene.ray_max_distance))
             for file, scene in read
         ]
-        self.many = "pixel_samples" in program.placeholders
+        self.many = "pixel_samples" in program.subject.placeholders
         self.search = Search(power_known=True, many=self.many)
         self.trials: list[Trial] = []
         self.facts: dict[str, str] = {}
+        self.speed_up: SpeedUp | None = None
         self.start = time.perf_counter()
         self._expected: dict[tuple[Experiment, Variant, Variant], float] = {}
 
@@ -249,7 +310,8 @@ class _Examination:
 
     def run(self, budget: float) -> Examined:
         stage = self.stages[0]
-        picture = self.take(stage, Experiment(stage.file, *COUNTS[0]), "to begin with")
+        first = Experiment(stage.file, *COUNTS[0], threads=self.threads)
+        picture = self.take(stage, first, "to begin with")
         for other in self.stages[1:]:
             own_cut = stage.grid.cut == stage.scene.ray_max_distance
             cut = other.scene.ray_max_distance if own_cut else stage.grid.cut
@@ -257,7 +319,7 @@ class _Examination:
         self.seeds_and_threads(stage, picture)
         self.search.coarse()
         candidates = self.candidates()
-        while self.own_seconds < FOR_PICTURES * budget:
+        while self.may_ask(budget):
             chosen = self.next(candidates) or self.unseen(candidates)
             if chosen is None:
                 break
@@ -277,9 +339,16 @@ class _Examination:
             tuple(self.facts.items()),
             diagnosis,
             tuple(sorted(undecided)),
-            self.excluded(diagnosis.best.variant),
+            diagnosis.excluded,
             self.own_seconds,
+            self.speed_up,
         )
+
+    def may_ask(self, budget: float) -> bool:
+        """There is time, or are pictures, left."""
+        if self.pictures is None:
+            return self.own_seconds < FOR_PICTURES * budget
+        return len(self.trials) + sum(f.startswith("fails_") for f in self.facts) < self.pictures
 
     # -- pictures
 
@@ -298,9 +367,11 @@ class _Examination:
             stage.grid, stage.miss, stage.seen = grid, miss, True
         view = stage.view_of(picture, grid)
         if len(view.count) < FEWEST_CELLS:
-            raise RendererError(
-                f"program: its picture of {stage.scene.name}, {width} x {height}, is too small to "
-                f"tell anything: fewer than {FEWEST_CELLS} cells of 8x8 pixels"
+            raise self.program.subject.refused(
+                _job(experiment, stage.scene),
+                Path(picture.name),
+                f"its picture of {stage.scene.name}, {width} x {height}, is too small to tell "
+                f"anything: fewer than {FEWEST_CELLS} cells of 8x8 pixels",
             )
         self.trials.append(Trial(experiment, why, seconds, view, miss))
         self.search.add([view])
@@ -319,22 +390,25 @@ class _Examination:
             self.facts["seed_no_effect"] = "the seed has no effect: two seeds give one picture"
         else:
             self.facts["seed_repeats"] = "the same seed gives the same picture, another one another"
-        if cores() == 1:
+        if cores() == 1 and self.threads is None:
             return
         one, alone = self.program.picture(replace(experiment, threads=1), stage.scene)
         if not np.array_equal(one.values, first.values):
             self.facts.update(_race(one.values, first.values))
         several = min(several, seconds)
-        if alone > LONG_ENOUGH:
-            self.facts["speed_up"] = (
-                f"{cores()} threads are {alone / several:.2g} times as fast as one"
-            )
+        if alone > LONG_ENOUGH and cores() > 1:
+            self.speed_up = SpeedUp(min(self.threads or cores(), cores()), alone / several)
+            if self.pictures is None:
+                self.facts["speed_up"] = str(self.speed_up)
 
     def candidates(self) -> list[tuple[_Stage, Experiment]]:
         """All but the first one, those that cost least first, each with a seed of its own."""
         counts = [(n, m) for n, m in COUNTS if m == 1 or self.many]
         every = [(stage, count) for count in counts for stage in self.stages]
-        found = [(s, Experiment(s.file, *c, seed=3 + i)) for i, (s, c) in enumerate(every)]
+        found = [
+            (s, Experiment(s.file, *c, seed=3 + i, threads=self.threads))
+            for i, (s, c) in enumerate(every)
+        ]
         return found[1:]
 
     # -- what to ask next
@@ -385,6 +459,8 @@ class _Examination:
 
     def cost(self, stage: _Stage, experiment: Experiment) -> float:
         own = OWN_SECONDS if stage.seen else OWN_SECONDS_SCENE
+        if self.pictures is not None:
+            return own + SECONDS_A_SAMPLE * _drawn(experiment, stage.scene)
         return own + self.program.expected_seconds(experiment, stage.scene)
 
     def expected(
@@ -409,18 +485,6 @@ class _Examination:
                 gain = view.apart(mine, view.held_against(v))
                 self._expected[experiment, best, v] = TEMPER * PARTS * gain
         return [self._expected[experiment, best, v] for v in others]
-
-    def excluded(self, best: Variant) -> tuple[str, ...]:
-        """Mistakes that would have shown beside the best's."""
-        names: dict[str, None] = {}
-        plain = Variant()
-        for choice in best.wrong:
-            plain = plain.replaced(choice)
-        for variant in pairs(plain, self.search.scenes):
-            for name in set(variant.mistakes) - set(plain.mistakes) - set(names):
-                if self.search.apart(variant, plain) > TELLS:
-                    names[name] = None
-        return tuple(names)
 
 
 def _race(one: np.ndarray, several: np.ndarray) -> dict[str, str]:

@@ -92,8 +92,8 @@ class Specimen:
             shift_y=shift[1],
         )
 
-    def pictures(self, scene: Scene, folder: Path) -> list[Picture]:
-        """Made, saved and read again. Raises MissingProgramError, ImageError."""
+    def files(self, folder: Path) -> list[Path]:
+        """The pictures, made and saved. Raises MissingProgramError."""
         told = _told(self, folder)
         found = []
         for i, (n, m) in enumerate(self.counts):
@@ -101,6 +101,13 @@ class Specimen:
             kind, _, quality = self.file.partition(" ")
             file = folder / f"{self.key}_{i}.{kind}"
             _save(file, radiance, self, int(quality or 0))
+            found.append(file)
+        return found
+
+    def pictures(self, scene: Scene, folder: Path) -> list[Picture]:
+        """Made, saved and read again. Raises MissingProgramError, ImageError."""
+        found = []
+        for file, (n, m) in zip(self.files(folder), self.counts, strict=True):
             found.append(read_picture(file, scene, n, m))
             file.unlink()
         return found

@@ -108,9 +108,11 @@ class View:
         self.object_id = sites.receivers.object_id
         brdf = np.array([thing.brdf for thing in scene.objects]).reshape(-1, 3)[self.object_id]
         lights = [np.asarray(scene.lights[i].radiance) for i in surface_lights(scene)]  # type: ignore[union-attr]
-        self.channel = np.argmax(brdf * sum(lights), axis=1)
+        self._foretold = brdf * sum(lights)
+        self.channel = np.argmax(self._foretold, axis=1)
         every = np.arange(len(row))
-        self.recoloured = self._recoloured(brdf * sum(lights))
+        self.recoloured = self._recoloured(picture)
+        self._turn_channels()
         self.value = np.minimum(picture.values[self.row, self.column, self.channel], 1)
         camera = np.asarray(scene.camera.position) + grid.moved * np.asarray(scene.camera.forward)
         self.around = Surroundings(
@@ -124,25 +126,30 @@ class View:
         )
         self._count()
 
-    def _recoloured(self, foretold: np.ndarray) -> dict[str, tuple[float, float, float]]:
+    def _recoloured(self, picture: Picture) -> dict[str, tuple[float, float, float]]:
         """Objects whose colour in the picture is another than the scene's, and which it is, the
-        largest channel 1. Where it lacks the scene's main channel, its own brightest one is looked
-        at instead; how bright it should be is then a guess, that it is as light a colour."""
+        largest channel 1."""
         found = {}
-        seen = self.picture.values[self.row, self.column]
+        seen = picture.values[self.row, self.column]
         for i, thing in enumerate(self.scene.objects):
             bright = (self.object_id == i) & (seen.max(axis=1) > 0.1) & (seen.max(axis=1) < 0.95)
             if bright.sum() < 50:
                 continue
             colour = np.median(seen[bright] / seen[bright].max(axis=1)[:, None], axis=0)
-            stated = foretold[self.object_id == i][0]
+            stated = self._foretold[self.object_id == i][0]
             stated = stated / max(stated.max(), 1e-9)
             if np.abs(colour - stated).max() > 0.25:
                 r, g, b = (float(c) for c in colour / max(colour.max(), 1e-9))
                 found[thing.name] = (r, g, b)
-                if colour[self.channel[self.object_id == i][0]] < 0.5 * colour.max():
-                    self.channel[self.object_id == i] = int(np.argmax(colour))
         return found
+
+    def _turn_channels(self) -> None:
+        """Where an object lacks the scene's main channel, its own brightest one is looked at
+        instead; how bright it should be is then a guess, that it is as light a colour."""
+        for i, thing in enumerate(self.scene.objects):
+            colour = self.recoloured.get(thing.name)
+            if colour and colour[self.channel[self.object_id == i][0]] < 0.5:
+                self.channel[self.object_id == i] = int(np.argmax(colour))
 
     def _count(self) -> None:
         _, self.cell = np.unique(self.cell, return_inverse=True)
@@ -185,6 +192,10 @@ class View:
         view.picture, view.grid = picture, grid
         view.value = np.minimum(picture.values[self.row, self.column, self.channel], 1)
         return view
+
+    def suits(self, picture: Picture) -> bool:
+        """Whether of() shows it as a view of its own would: neither has colours of its own."""
+        return not self.recoloured and not self._recoloured(picture)
 
     def prepare(self, keys: list[tuple[str, str, str]]) -> None:
         """Compute the moments that these need together."""

@@ -192,6 +192,10 @@ class CommandRenderer:
             return seconds
         raise RendererError(f"{self.label}: {problem}: {shlex.join(words)}{ran.said()}")
 
+    def refused(self, job: Job, out: Path, why: str) -> RendererError:
+        """The error of an image that was made and is of no use."""
+        return RendererError(f"{self.label}: {why}: {shlex.join(self.arguments(job, out))}")
+
     def _missing(self) -> MissingProgramError:
         return MissingProgramError(
             f"{self.label}: {self.words[0]} is not there or cannot be run: {self.advice}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import shutil
 import sys
@@ -23,9 +24,11 @@ from penumbra.compare.measure.agreement import ROUNDING
 from penumbra.compare.measure.image import Image, ImageError, read_image
 from penumbra.compare.measure.slope import Slope, fit_slope, rmse_interval
 from penumbra.compare.run import provenance
+from penumbra.compare.run.errands import rendered_elsewhere
 from penumbra.compare.run.journal import Journal
 from penumbra.compare.run.output import write_csv, write_json
 from penumbra.compare.run.renderers import Job, Renderer, RendererError
+from penumbra.compare.run.tasks import Scheduler
 from penumbra.compare.scene import Scene, read_scene
 
 LIGHT_SAMPLES = tuple(2**i for i in range(13))
@@ -101,15 +104,19 @@ class ConvergenceStudy:
         return self.out.with_name(self.out.name + suffix)
 
 
-def converge(study: ConvergenceStudy) -> dict[str, Any]:
+def converge(study: ConvergenceStudy, scheduler: Scheduler | None = None) -> dict[str, Any]:
     """Render, measure and fit; write <out>.csv and <out>.json; return what the JSON holds.
 
     Every image has a seed of its own, so errors are independent between one N and another,
     which the slope's interval needs. A run that was killed goes on from <out>.journal; lines
     of another scene, size, renderer binary, reference or version of compare/ are not used.
 
+    With a scheduler its workers render, one image at a time on each machine, and what they send is
+    measured here: all but the seconds is the same as without. The journal stays, so that the same
+    study once more costs nothing.
+
     Raises SceneError, ImageError, ConvergenceError, JournalError, RendererError,
-    MissingProgramError, OSError.
+    MissingProgramError, OSError; with a scheduler what run_tasks() raises too.
     """
     solved = _SolvedScene(study)
     for curve in study.curves:
@@ -117,14 +124,15 @@ def converge(study: ConvergenceStudy) -> dict[str, Any]:
     fingerprints = [solved.fingerprint(curve.renderer) for curve in study.curves]
     with Journal(study.file(".journal")) as journal, _scratch(study) as scratch:
         measured = [
-            (curve, _measure_curve(curve, solved, fingerprint, journal, scratch))
+            (curve, _measure_curve(curve, solved, fingerprint, journal, scratch, scheduler))
             for curve, fingerprint in zip(study.curves, fingerprints, strict=True)
         ]
         rows = [row for curve, images in measured for row in _rows(solved, curve, images)]
         result = _summary(solved, rows, measured)
         write_csv(study.file(".csv"), COLUMNS, rows)
         write_json(study.file(".json"), result)
-        journal.delete()
+        if scheduler is None:
+            journal.delete()
     return result
 
 
@@ -274,7 +282,8 @@ class _Measured:
     pixel_samples: int
     seed: int
     values: dict[str, Any]
-    """{"seconds", "clock", "software", "regions": {region: {measure: number or None}},
+    """{"seconds", "clock", "software", "machine" if it was another,
+    "regions": {region: {measure: number or None}},
     "rounding": {region: MSE that the file's rounding accounts for}}"""
 
 
@@ -290,7 +299,12 @@ def _jobs(curve: Curve, solved: _SolvedScene) -> list[Job]:
 
 
 def _measure_curve(
-    curve: Curve, solved: _SolvedScene, fingerprint: str, journal: Journal, scratch: Path
+    curve: Curve,
+    solved: _SolvedScene,
+    fingerprint: str,
+    journal: Journal,
+    scratch: Path,
+    scheduler: Scheduler | None,
 ) -> list[_Measured]:
     """Every image of a curve: from the journal, or rendered now."""
     renderer = curve.renderer
@@ -306,9 +320,11 @@ def _measure_curve(
         disable=None,
         file=sys.stderr,
     ) as bar:
-        for job, file, seconds in renderer.render(missing, scratch):
+        for job, file, seconds, machine in _images(
+            renderer, missing, scratch, solved.study.seeds, scheduler
+        ):
             try:
-                values = _measure(job, file, seconds, solved)
+                values = _measure(job, file, seconds, solved) | machine
             except ImageError as error:
                 raise RendererError(f"{renderer.label}: {error}") from error
             journal.append(keys[job], values)
@@ -318,6 +334,20 @@ def _measure_curve(
         _Measured(job.light_samples, job.pixel_samples, job.seed, journal.get(keys[job]) or {})
         for job in jobs
     ]
+
+
+def _images(
+    renderer: Renderer, jobs: list[Job], scratch: Path, seeds: int, scheduler: Scheduler | None
+) -> Iterator[tuple[Job, Path, float, dict[str, Any]]]:
+    """Each job with its image, a file in scratch, the seconds, and the machine if not this one."""
+    if scheduler is None:
+        for job, file, seconds in renderer.render(jobs, scratch):
+            yield job, file, seconds, {}
+        return
+    for job, image in rendered_elsewhere(renderer, jobs, scheduler, together=seeds):
+        file = scratch / image.file_name
+        file.write_bytes(image.content)
+        yield job, file, image.seconds, {"machine": image.machine}
 
 
 def _work(job: Job) -> int:
@@ -434,6 +464,12 @@ def _summary(
         for region, mse in image.values["rounding"].items()
     }
     fits = _Fits(solved, rows, rounding)
+    machines = {
+        json.dumps(image.values["machine"], sort_keys=True): image.values["machine"]
+        for _, images in measured
+        for image in images
+        if "machine" in image.values
+    }
     return {
         "scene": solved.scene.name,
         "scene_hash": solved.scene.hash,
@@ -443,6 +479,7 @@ def _summary(
         "pixel_grid": study.pixel_grid,
         "reference": None if study.reference is None else str(study.reference),
         **provenance.origin(),
+        **({"machines": [machines[key] for key in sorted(machines)]} if machines else {}),
         "renderers": renderers,
         "slopes": fits.slopes,
         "without_slope": fits.without_slope,

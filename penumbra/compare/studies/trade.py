@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import socket
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,9 +21,19 @@ from penumbra.compare.exact import image as exact
 from penumbra.compare.measure.image import Image, read_image, write_exr
 from penumbra.compare.measure.slope import fit_slope, rmse_interval
 from penumbra.compare.run import provenance
+from penumbra.compare.run.errands import SceneFile, alone_on_machine, brought, every_core
+from penumbra.compare.run.journal import Journal
 from penumbra.compare.run.library import Setting, WarmRenderer
 from penumbra.compare.run.output import write_csv, write_json
 from penumbra.compare.run.renderers import Job, Renderer
+from penumbra.compare.run.tasks import (
+    Lost,
+    Scheduler,
+    Task,
+    content_key,
+    run_tasks,
+    versions_here,
+)
 from penumbra.compare.scene import Scene, read_scene
 from penumbra.compare.studies import choice
 from penumbra.compare.studies.convergence import FLOOR, mse_floor
@@ -103,7 +115,7 @@ class TradeStudy:
         return self.out.with_name(self.out.name + suffix)
 
 
-def trade(study: TradeStudy) -> dict[str, Any]:
+def trade(study: TradeStudy, scheduler: Scheduler | None = None) -> dict[str, Any]:
     """Measure, choose, try the choice elsewhere; write <out>.csv and <out>.json; return what
     the JSON holds.
 
@@ -111,7 +123,12 @@ def trade(study: TradeStudy) -> dict[str, Any]:
     that slows down slows all of them; its error is measured on that very frame. One thread or
     many make the same image: its error is measured once.
 
-    Raises SceneError, TradeError, RendererError, MissingProgramError, ImageError, OSError.
+    With a scheduler each scene is one task, all of whose frames one machine times, with no other
+    scene beside it; the result says which. What was measured stays in <out>.journal, so that the
+    same study once more costs nothing.
+
+    Raises SceneError, TradeError, RendererError, MissingProgramError, ImageError, OSError; with a
+    scheduler what run_tasks() raises too.
     """
     if study.seeds < 2:
         raise TradeError("--seeds must be 2 or more: one frame shows no interval")
@@ -121,14 +138,26 @@ def trade(study: TradeStudy) -> dict[str, Any]:
         read_scene(file)  # or the mistake shows after a minute
     if study.cycles is not None:
         study.cycles.fingerprint()  # says at once if Blender is missing
-    threads = tuple(sorted(set(study.threads) or {1, provenance.cores()}))
     measured = _MeasuredScene(study, study.scene_file)
-    frames = _frames(measured, _grid(measured, threads, study.max_seconds, FEWEST))
-    if study.cycles is not None:
-        frames += _cycles_frames(measured, study.cycles)
-    rows = summary(measured, frames)
-    answers = [choice.answer(rows, r, t) for r in measured.masks for t in study.targets]
-    trials = [t for file in study.verify for t in _trials(study, file, answers, threads[-1])]
+    threads = tuple(sorted(set(study.threads)))
+    first = _Round(study.max_seconds, FEWEST, threads, (), study.cycles is not None)
+    machines = {}
+    trials = []
+    with _timing(study, scheduler) as timed:
+        ((frames, machines[measured.scene.name]),) = timed([measured], [first])
+        rows = summary(measured, frames)
+        most = max(f.setting.threads for f in frames if f.renderer == "penumbra")
+        answers = [choice.answer(rows, r, t) for r in measured.masks for t in study.targets]
+        others = [_MeasuredScene(study, file) for file in study.verify]
+        asked = [[a for a in answers if a["region"] in other.masks] for other in others]
+        rounds = []
+        for here in asked:
+            chosen = sorted({_setting(a["choice"]) for a in here if a["choice"]}, key=str)
+            rounds.append(_Round(study.max_seconds / 2, 1, (most,), tuple(chosen), False))
+        for other, here, (tried, machine) in zip(others, asked, timed(others, rounds), strict=True):
+            machines[other.scene.name] = machine
+            tried_rows = summary(other, tried)
+            trials += [choice.trial(answer, tried_rows, other.scene.name) for answer in here]
     result = {
         "scene": measured.scene.name,
         "scene_hash": measured.scene.hash,
@@ -141,12 +170,13 @@ def trade(study: TradeStudy) -> dict[str, Any]:
         "regions": list(measured.masks),
         "targets": list(study.targets),
         **provenance.origin(),
+        **({"machines": machines} if scheduler else {}),
         "rows": rows,
         "slopes": slopes(measured, frames),
         "answers": answers,
         "trials": trials,
         "verdict": choice.verdict_text(trials),
-        "strips": _strips(measured, rows, threads[-1]) if study.keep_images else {},
+        "strips": _strips(measured, rows, most) if study.keep_images else {},
     }
     write_csv(study.file(".csv"), COLUMNS, _csv_rows(measured, frames))
     write_json(study.file(".json"), result)
@@ -416,22 +446,90 @@ def _fit(by_n: dict[int | None, list[Frame]], region: str, floor: float) -> dict
     }
 
 
-# The recommendation, tried on scenes that it was not fitted on
+# Which frames of a scene are timed, and where
 
 
-def _trials(
-    study: TradeStudy, scene_file: Path, answers: Sequence[dict[str, Any]], threads: int
-) -> list[dict[str, Any]]:
-    """Every answer whose region this scene has, against everything measured here."""
-    measured = _MeasuredScene(study, scene_file)
-    answers = [a for a in answers if a["region"] in measured.masks]
-    grid = _grid(measured, (threads,), study.max_seconds / 2, fewest=1)
-    chosen = {_setting(a["choice"]) for a in answers if a["choice"]}
-    known = {setting for settings in grid for setting in settings}
-    more = (s for s in chosen - known if measured.renderer.can(s.estimator))
-    grid += [[setting] for setting in sorted(more, key=str)]
-    rows = summary(measured, _frames(measured, grid))
-    return [choice.trial(answer, rows, measured.scene.name) for answer in answers]
+@dataclass(frozen=True)
+class _Round:
+    """What to time of a scene."""
+
+    most: float
+    """[s], and fewest: as in _grid"""
+    fewest: int
+    threads: tuple[int, ...]
+    """empty: one, and every core of the machine that measures"""
+    chosen: tuple[Setting, ...]
+    """settings to time whatever they take: recommended from another scene"""
+    cycles: bool
+
+    def frames(self, measured: _MeasuredScene) -> list[Frame]:
+        threads = self.threads or tuple(sorted({1, provenance.cores()}))
+        grid = _grid(measured, threads, self.most, self.fewest)
+        known = {setting for settings in grid for setting in settings}
+        more = (s for s in self.chosen if s not in known and measured.renderer.can(s.estimator))
+        grid += [[setting] for setting in more]
+        frames = _frames(measured, grid)
+        if self.cycles and measured.study.cycles is not None:
+            frames += _cycles_frames(measured, measured.study.cycles)
+        return frames
+
+
+_Timed = tuple[list[Frame], dict[str, Any]]
+"""A scene's frames, and the machine that they were timed on"""
+
+
+@contextmanager
+def _timing(
+    study: TradeStudy, scheduler: Scheduler | None
+) -> Iterator[Callable[[Sequence[_MeasuredScene], Sequence[_Round]], Iterable[_Timed]]]:
+    """A function that times scenes, here or on the scheduler's workers."""
+    if scheduler is None:
+        machine = provenance.machine()
+        yield lambda scenes, rounds: (
+            (one.frames(scene), machine) for scene, one in zip(scenes, rounds, strict=True)
+        )
+        return
+    with Journal(study.file(".journal")) as journal:
+        yield lambda scenes, rounds: _timed_elsewhere(scenes, rounds, scheduler, journal)
+
+
+def _timed_elsewhere(
+    scenes: Sequence[_MeasuredScene],
+    rounds: Sequence[_Round],
+    scheduler: Scheduler,
+    journal: Journal,
+) -> list[_Timed]:
+    tasks = []
+    for scene, one in zip(scenes, rounds, strict=True):
+        sent = SceneFile.of(scene.scene_file)
+        study = replace(scene.study, verify=())
+        same = replace(study, scene_file=Path(sent.name), out=Path(), cycles=None)
+        versions = ascii(sorted(versions_here().items()))
+        cycles = study.cycles.fingerprint() if one.cycles and study.cycles else ""
+        key = content_key(sent.name, sent.content, ascii(same), ascii(one), versions, cycles)
+        tasks.append(Task(key, (sent, study, one, cycles)))
+    missing = [task for task in tasks if journal.get(task.key) is None]
+    with closing(run_tasks(_time_there, missing, scheduler)) as done:
+        for task, found in done:
+            if isinstance(found, Lost):
+                raise TradeError(f"{task.argument[0].name}: {found.reason}")
+            journal.append(task.key, found)
+    values = [journal.get(task.key) or {} for task in tasks]
+    return [([_frame(**f) for f in value["frames"]], value["machine"]) for value in values]
+
+
+def _time_there(argument: tuple[SceneFile, TradeStudy, _Round, str]) -> dict[str, Any]:
+    """On a worker. cycles: its fingerprint here, if it is timed too."""
+    scene, study, one, cycles = argument
+    if cycles and study.cycles and study.cycles.fingerprint() != cycles:
+        raise TradeError(f"worker {socket.gethostname()}: its Cycles is another than here")
+    with alone_on_machine(), every_core(), brought(scene) as file:
+        frames = one.frames(_MeasuredScene(study, file))
+        return {"frames": [asdict(f) for f in frames], "machine": provenance.machine()}
+
+
+def _frame(setting: dict[str, Any], **others: Any) -> Frame:
+    return Frame(setting=Setting(**setting), **others)
 
 
 def _setting(row: dict[str, Any]) -> Setting:

@@ -1,0 +1,294 @@
+"""A submitted program: what its penumbra.toml says, its build, and its pictures, all in a cage."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+import signal
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from penumbra.compare.check.program import FIRST, SCENES
+from penumbra.compare.run.provenance import cores
+from penumbra.compare.run.renderers import (
+    SUFFIXES,
+    CommandRenderer,
+    Job,
+    RendererError,
+)
+from penumbra.grading.archive import copy_folder
+from penumbra.grading.cage import Cage, Desk, Ended, Limits, desk
+from penumbra.grading.fault import Code, SubmissionFault
+
+MANIFEST = "penumbra.toml"
+EXAMPLE = '[program]\nrun = "./mine {scene} {light_samples} {seed} {out}"'
+LONGEST = 100_000
+"""Of a penumbra.toml [bytes]"""
+CANNOT_RUN, NOT_FOUND = 126, 127
+"""Exit codes of what starts a program (POSIX's shell, prlimit, the warden)"""
+ADVICE = {
+    signal.SIGSEGV: "it reads or writes memory that is not its own: look for an index out of range",
+    signal.SIGBUS: "it reads or writes memory that is not its own",
+    signal.SIGABRT: "it gave up by itself: an assertion, or memory freed twice",
+    signal.SIGFPE: "it divides an integer by zero",
+    signal.SIGILL: "it was compiled for another processor: build without -march=native",
+    signal.SIGKILL: "it was killed from outside or by itself: perhaps the machine had no memory",
+}
+
+
+class ManifestError(SubmissionFault):
+    """A penumbra.toml that cannot be used; the text names file, line and key."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__("manifest", text)
+
+    def __reduce__(self) -> tuple[type[ManifestError], tuple[str]]:  # type: ignore[override]
+        return type(self), (self.text,)
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a submission says of its program.
+
+    [program]
+    build = "make"                                             # a line for sh; may be left out
+    run = "./mine {scene} {light_samples} {seed} {out}"        # no shell
+    image_suffix = ".png"                                      # what {out} ends in [.exr]
+    scenes = ["tp3"]                                           # it can read [all]
+    """
+
+    run: str
+    build: str = ""
+    image_suffix: str = ".exr"
+    scenes: tuple[str, ...] = SCENES
+
+    def renderer(self, timeout: float) -> CommandRenderer:
+        """The run command, as one that would run without a cage. Raises RendererError."""
+        return CommandRenderer("program", self.run, self.image_suffix, timeout)
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Of the submission in a folder. Raises ManifestError, OSError."""
+    file = folder / MANIFEST
+    if file.is_symlink() or not file.is_file():
+        raise ManifestError(f"{MANIFEST}: not there: it says how to run your program:\n{EXAMPLE}")
+    try:
+        with file.open("rb") as stream:
+            text = stream.read(LONGEST).decode()
+        table = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise ManifestError(f"{MANIFEST}: not UTF-8: save it as such ({error.reason})") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:  # says the line
+        raise ManifestError(f"{MANIFEST}: not TOML: {error}") from error
+    return _manifest(table, text)
+
+
+def _manifest(table: dict[str, Any], text: str) -> Manifest:
+    def wrong(key: str, why: str) -> ManifestError:
+        found = re.search(rf'^[ \t]*\[?[ \t]*["\']?{re.escape(key)}\b', text, re.MULTILINE)
+        line = f":{text.count(chr(10), 0, found.start()) + 1}" if found else ""
+        return ManifestError(f"{MANIFEST}{line}: {key}: {why}")
+
+    for key in table.keys() - {"program"}:
+        raise wrong(key, "unknown: there is one table, [program]")
+    program = table.get("program")
+    if not isinstance(program, dict):
+        raise wrong("program", f"there must be a table of that name:\n{EXAMPLE}")
+    known = {"build": str, "run": str, "image_suffix": str, "scenes": list}
+    for key, value in program.items():
+        if key not in known:
+            raise wrong(key, f"unknown: known are {', '.join(known)}")
+        if not isinstance(value, known[key]):
+            raise wrong(key, "must be " + ("a list" if known[key] is list else "a text"))
+        if isinstance(value, str) and ("\0" in value or "\n" in value.strip()):
+            raise wrong(key, "must be one line")
+    if "run" not in program:
+        raise wrong("program", f"has no run:\n{EXAMPLE}")
+    scenes = program.get("scenes", list(SCENES))
+    for scene in scenes:
+        if scene not in SCENES:
+            raise wrong("scenes", f"{scene!r}: known are {', '.join(SCENES)}")
+    if FIRST not in scenes:
+        raise wrong("scenes", f"{FIRST}, the lab's own, must be one of them")
+    if program.get("image_suffix", ".exr") not in SUFFIXES:
+        raise wrong("image_suffix", f"must be one of {', '.join(SUFFIXES)}")
+    manifest = Manifest(
+        program["run"].strip(),
+        program.get("build", "").strip(),
+        program.get("image_suffix", ".exr"),
+        tuple(scene for scene in SCENES if scene in scenes),
+    )
+    try:
+        manifest.renderer(1.0)
+    except RendererError as error:
+        raise wrong("run", str(error)) from error
+    return manifest
+
+
+class Program:
+    """A submission's program, in a copy of its folder, which `with` removes.
+
+    >>> with Program(folder, read_manifest(folder), find_cage(), Limits()) as program:
+    ...     program.build()
+    ...     checked = check_renderer(program.renderer())         # doctest: +SKIP
+    """
+
+    def __init__(self, folder: Path, manifest: Manifest, cage: Cage, limits: Limits) -> None:
+        self.folder, self.manifest, self.cage, self.limits = folder, manifest, cage, limits
+        self._open = contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        self.desk = self._open.enter_context(desk())
+        try:
+            copy_folder(self.folder, self.desk.home, self.limits)
+        except BaseException:
+            self._open.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def build(self) -> None:
+        """As the manifest says. Raises SubmissionFault, CageError."""
+        line = self.manifest.build
+        if not line:
+            return
+        self.desk.clear()
+        ended = self.cage.run(["sh", "-c", line], self.desk, self.limits, building=True)
+        what = f"The build ({line})"
+        raise_fault(ended, what, self.limits)
+        if ended.code != 0:
+            raise SubmissionFault(
+                "build_failed",
+                f"{what} {meaning(ended.code)}: try it in a fresh copy of what you handed in, and "
+                "read what it prints",
+                harmless(ended.printed),
+            )
+
+    def renderer(self) -> CagedRenderer:
+        """What renders its pictures, for check_renderer."""
+        command = self.manifest.renderer(self.limits.seconds)
+        return CagedRenderer(command, self.desk, self.cage, self.limits)
+
+
+@dataclass(frozen=True)
+class CagedRenderer:
+    """A program in a cage, as check_program's Subject."""
+
+    command: CommandRenderer
+    desk: Desk
+    cage: Cage
+    limits: Limits
+
+    @property
+    def suffix(self) -> str:
+        return self.command.suffix
+
+    @property
+    def placeholders(self) -> frozenset[str]:
+        return self.command.placeholders
+
+    def run(self, job: Job, out: Path) -> float:
+        """Render one image; the wall time [s]. Raises SubmissionFault, CageError."""
+        self.desk.clear()
+        scene = self.desk.scenes / job.scene_file.name
+        if not scene.exists():
+            shutil.copyfile(job.scene_file, scene)
+            scene.chmod(0o644)
+        there = self.cage.inside(self.desk)
+        name = f"image{self.suffix}"
+        # Each thread is one of its processes.
+        threads = max(1, min(job.threads or cores(), self.limits.processes // 2))
+        shown = replace(job, scene_file=there.scenes / scene.name, threads=threads)
+        words = self.command.arguments(shown, there.tmp / name)
+        environment = {"OMP_NUM_THREADS": str(threads)}
+        ended = self.cage.run(words, self.desk, self.limits, environment)
+        what = _rendering(job)
+        raise_fault(ended, what, self.limits)
+        if ended.code in (NOT_FOUND, CANNOT_RUN):
+            raise SubmissionFault(
+                "crashed",
+                f"{self.command.words[0]} could not be started: is it what your build makes, for "
+                "Linux, and named so in penumbra.toml?",
+                harmless(ended.printed),
+            )
+        if ended.code != 0:
+            raise SubmissionFault(
+                "crashed",
+                f"{what} {meaning(ended.code)}",
+                harmless(ended.printed),
+            )
+        self._take(name, out, what, harmless(ended.printed))
+        return ended.seconds
+
+    def _take(self, name: str, out: Path, what: str, printed: str) -> None:
+        try:
+            self.desk.take(name, out, self.limits.file_size)
+        except FileNotFoundError as error:
+            raise SubmissionFault(
+                "no_image",
+                f"{what} ended well but wrote no image: it must be in the file that {{out}} names",
+                printed,
+            ) from error
+        except OSError as error:
+            raise SubmissionFault(
+                "bad_image",
+                f"{what} left something else than a plain file where {{out}} is: "
+                "write the image itself there",
+                printed,
+            ) from error
+
+    def refused(self, job: Job, out: Path, why: str) -> SubmissionFault:
+        why = why.replace(str(out), f"image{self.suffix}").replace(out.name, f"image{self.suffix}")
+        return SubmissionFault("bad_image", f"{_rendering(job)} {why}")
+
+
+def _rendering(job: Job) -> str:
+    m = f" and {job.pixel_samples} pixel samples" if job.pixel_samples > 1 else ""
+    return (
+        f"Rendering {job.scene_file.stem} with {job.light_samples} light samples{m}, your program"
+    )
+
+
+def raise_fault(ended: Ended, what: str, limits: Limits) -> None:
+    """Raise the SubmissionFault of a limit or a misdeed that ended a program, if one did."""
+    mega = 1 / (1 << 20)
+    limit: dict[str, str] = {
+        "time_limit": f"took longer than {limits.seconds:g} s: make it faster, or look for a loop "
+        "that does not end",
+        "memory_limit": f"took more than {limits.memory * mega:,.0f} MB of memory",
+        "process_limit": f"started more than {limits.processes} processes and threads",
+        "file_limit": f"wrote a file of more than {limits.file_size * mega:,.0f} MB",
+        "disk_limit": f"wrote more than {limits.disk * mega:,.0f} MB, or too many files",
+        "output_limit": f"printed more than {limits.output * mega:,.1f} MB: print less",
+        "forbidden": "did what no renderer needs and what is not allowed here: it opened a "
+        "network connection, or looked into another process",
+    }
+    code: Code | None = ended.limit or None  # type: ignore[assignment]
+    if ended.code == -signal.SIGSYS:
+        code = "forbidden"
+    elif ended.code == -signal.SIGXFSZ or (ended.code and ended.full_file):
+        code = "file_limit"
+    if code:
+        raise SubmissionFault(code, f"{what} {limit[code]}", harmless(ended.printed))
+
+
+def meaning(code: int | None) -> str:
+    """How a program ended, in words."""
+    if code is None or code >= 0:
+        return f"ended with exit code {code}"
+    try:
+        kind = signal.Signals(-code)
+    except ValueError:
+        return f"was ended by signal {-code}"
+    advice = f": {ADVICE[kind]}" if kind in ADVICE else ""
+    return f"was ended by {kind.name}{advice}"
+
+
+def harmless(printed: str) -> str:
+    """Without what could move a terminal's cursor or colour it."""
+    return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in printed).strip()
