@@ -128,7 +128,8 @@ MUTANTS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
 HOSTILE: dict[str, tuple[str, tuple[str, ...]]] = {
     "reads_reference": ("""
         for folder in ("/", "/work", "/root", "/home", "..", "../.."):
-            for root, _, files in os.walk(folder):
+            for root, folders, files in os.walk(folder):
+                folders[:] = [f for f in folders if f not in ("usr", "proc", "sys", "lib", "etc")]
                 for file in files:
                     if file.endswith(".exr") or file == "grades.journal":
                         os.write(os.open(out, os.O_CREAT | os.O_WRONLY),
