@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import doctest
 import itertools
 import json
 import os
@@ -14,15 +15,19 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import psutil
 import pytest
 from distributed import Security
 
+from bench import scale
 from penumbra.cli.exit import MISSING, USAGE
 from penumbra.compare.check.calibration import few, judged
 from penumbra.compare.measure.image import read_image
+from penumbra.compare.run import errands
+from penumbra.compare.run import tasks as tasks_module
 from penumbra.compare.run.provenance import machine
 from penumbra.compare.run.renderers import CommandRenderer, penumbra_renderer
 from penumbra.compare.run.tasks import (
@@ -418,6 +423,12 @@ def test_a_file_that_is_no_schedulers_is_refused(tmp_path: Path, text: str) -> N
     with pytest.raises(SchedulerError, match=r"scheduler\.json: no file of `dask scheduler"):
         Scheduler(str(file)).address()
     assert getattr(SchedulerError, "exit_code", USAGE) == USAGE
+
+
+@pytest.mark.parametrize("module", [tasks_module, errands, scale])
+def test_doctests_hold(module: ModuleType) -> None:
+    tried = doctest.testmod(module)
+    assert tried.attempted and not tried.failed
 
 
 def test_patience_ends() -> None:
