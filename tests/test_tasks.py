@@ -24,6 +24,7 @@ import pytest
 from distributed import Security
 
 from bench import scale
+from penumbra.__main__ import main
 from penumbra.cli.exit import MISSING, USAGE
 from penumbra.compare.check import calibration
 from penumbra.compare.measure.image import read_image
@@ -430,6 +431,25 @@ def test_a_file_that_is_no_schedulers_is_refused(tmp_path: Path, text: str) -> N
     with pytest.raises(SchedulerError, match=r"scheduler\.json: no file of `dask scheduler"):
         Scheduler(str(file)).address()
     assert getattr(SchedulerError, "exit_code", USAGE) == USAGE
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--tls-ca", "a.pem"), "go with --scheduler"),
+        (("--scheduler", "tcp://a:1", "--jobs", "2"), "leave it out with --scheduler"),
+        (("--scheduler", "tls://a:1"), "needs --tls-ca, --tls-cert and --tls-key"),
+        (("--scheduler", "tls://a:1", "--tls-ca", "a.pem"), "go together: no --tls-cert"),
+        (("--scheduler", "ftp://a:1"), "begins with tcp:// or tls://"),
+    ],
+)
+def test_options_that_do_not_go_together_are_usage_errors(
+    options: tuple[str, ...], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "calibration.json"
+    assert main(["calibrate", "--reduced", "-o", str(out), *options]) == USAGE
+    assert said in capsys.readouterr().err
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("module", [tasks_module, errands, scale])
