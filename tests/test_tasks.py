@@ -162,6 +162,12 @@ def test_nothing_is_started_for_no_tasks() -> None:
     assert list(run_tasks(deeds.digest, [], Scheduler("/nowhere"))) == []
 
 
+def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    with pytest.raises(ImportError, match=r"pip install 'penumbra\[class\]'"):
+        list(run_tasks(deeds.digest, tasks(["a"]), jobs=1))
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_process_outlives_one_that_is_ended(number: signal.Signals, tmp_path: Path) -> None:
     """Ctrl-C goes to the whole group. A worker's own children are ended too, unless there is nobody
