@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import itertools
 import json
 import os
 import resource
@@ -34,9 +33,8 @@ TICK = 0.02
 """[s] in which a program may overrun: touching memory as fast as one can, some 100 MB"""
 DISK_TICK = 0.05
 """[s] at least between looks at the disk; a twentieth of the time goes into them"""
-DEEPEST = 100
-"""Folders in folders"""
-MANY = 1 << 20
+DEEPEST, MANY = 100, 1 << 20
+"""Folders in folders, more of which count as so many files"""
 KEPT = 8000
 """Bytes of the end of what it printed"""
 SPARE_PROCESSES = 16
@@ -96,11 +94,15 @@ class Watch:
     def _sizes(self) -> tuple[int, int]:
         """Of all files and folders, bytes on disk, and how many there are."""
         size = files = 0
-        for folder in self.folders:
-            for found in _files(folder):
+        todo = [(folder, 0) for folder in self.folders]
+        while todo and files < MANY:
+            folder, depth = todo.pop()
+            for name, found in _files(folder):
                 size += 512 * found.st_blocks
-                files += 1
-                if stat.S_ISREG(found.st_mode) and found.st_size >= self.limits["file_size"]:
+                files += 1 if depth < DEEPEST else MANY
+                if stat.S_ISDIR(found.st_mode):
+                    todo.append((name, depth + 1))
+                elif stat.S_ISREG(found.st_mode) and found.st_size >= self.limits["file_size"]:
                     self.full_file = True
         return size, files
 
@@ -156,18 +158,12 @@ def _shared_once(found: dict[int, dict[str, str]]) -> int:
     return total
 
 
-def _files(folder: str, depth: int = 0) -> Iterator[os.stat_result]:
-    """All in a folder, links not followed. What is too deep counts as too many."""
+def _files(folder: str) -> Iterator[tuple[str, os.stat_result]]:
+    """All that is in a folder, links not followed."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
-                found = entry.stat(follow_symlinks=False)
-                yield found
-                if stat.S_ISDIR(found.st_mode):
-                    if depth < DEEPEST:
-                        yield from _files(entry.path, depth + 1)
-                    else:
-                        yield from itertools.repeat(found, MANY)
+                yield entry.path, entry.stat(follow_symlinks=False)
 
 
 def _unnamed(process: int) -> dict[tuple[int, int], int]:
