@@ -32,7 +32,7 @@ from penumbra.grading.cage import (
     try_cage,
 )
 from penumbra.grading.fault import SubmissionFault
-from penumbra.grading.kernel import landlock_version
+from penumbra.grading.kernel import filter_works, landlock_version
 from penumbra.grading.program import raise_fault
 from tests import caged
 
@@ -450,9 +450,12 @@ def test_a_disk_is_not_filled(attack: Attack) -> None:
     assert fault(found) == "disk_limit"
 
 
-def test_files_without_a_name_fill_no_disk(attack: Attack) -> None:
+@pytest.mark.parametrize("hidden", ["", "libc.prctl(4, 0)"], ids=["seen", "hidden"])
+def test_files_without_a_name_fill_no_disk(hidden: str, attack: Attack) -> None:
+    """Hidden: no process of the same user may look into it."""
     found = attack(
-        """
+        f"""
+        {hidden}
         held = []
         while True:
             held.append(open(out, "wb"))
@@ -587,6 +590,31 @@ def test_no_file_of_the_graders_is_left_open(attack: Attack) -> None:
         """
     )
     assert found["ended"].printed == "[0, 1, 2]\n"
+
+
+def test_where_landlock_is_old_the_filter_does_its_part() -> None:
+    """Before version 6 it lets signals through, before 3 truncate; this process refuses itself."""
+    assert filter_works()
+    program = """
+        import fcntl, sys
+        sys.path.append(sys.argv.pop())
+        from penumbra.grading import kernel
+        kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
+        kernel.seccomp(kernel.filter_program(False, 1))
+        attempt(os.kill, pid, 0)
+        attempt(signal.pthread_kill, threading.get_ident(), 0)
+        attempt(fcntl.fcntl, 0, fcntl.F_SETOWN, pid)
+        attempt(os.truncate, out, 0)
+        print(os.getpid(), fcntl.fcntl(0, fcntl.F_GETFL) >= 0)
+    """
+    package = str(Path(cages.__file__).parents[2])
+    words = ["out", "outside", str(os.getpid()), "0", "abstract", "marker", package]
+    ran = subprocess.run(
+        [sys.executable, "-c", PRELUDE.replace("= sys.argv[1:]", "= sys.argv[1:7]")
+         + textwrap.dedent(program), *words], capture_output=True, text=True,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.count("refused Operation not permitted") == 4 and "True" in ran.stdout
 
 
 # ---------------------------------------------------------------- when the grader ends first
