@@ -24,7 +24,7 @@ import stat
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from penumbra.grading import kernel
@@ -33,10 +33,10 @@ TICK = 0.02
 """[s] in which a program may overrun: touching memory as fast as one can, some 100 MB"""
 DISK_TICK = 0.05
 """[s] at least between looks at the disk; a twentieth of the time goes into them"""
-FILES = 20_000
-"""So many files and folders are as bad as a full disk: a name costs memory, too"""
-DEEPEST = 100
-"""Folders in folders"""
+HIDDEN = 4
+"""Looks in a row: for an instant while it starts, every program's files are hidden"""
+DEEPEST, MANY = 100, 1 << 20
+"""Folders in folders, more of which count as so many files"""
 KEPT = 8000
 """Bytes of the end of what it printed"""
 SPARE_PROCESSES = 16
@@ -56,12 +56,15 @@ CANNOT_START = 127
 class Watch:
     """What all the descendants of this process use."""
 
-    def __init__(self, limits: dict[str, Any], folders: list[str], apart: int) -> None:
-        self.limits, self.folders, self.apart = limits, folders, apart
+    def __init__(self, task: dict[str, Any]) -> None:
+        self.limits, self.folders, self.apart = task["limits"], task["write"], task["apart"]
+        self.open = task["cage"] == "landlock"
+        """only an ill-meaning process goes on hiding its files; bubblewrap's own do, too"""
+        self.hidden = 0
+        """looks in a row at which one did"""
         self.full_file = False
         """one is as large as a file may be"""
-        self.before = 0
-        self.before = self.written({})
+        self.size, self.files = self._sizes()
         self._next_disk = 0.0
 
     def reached(self) -> str:
@@ -78,29 +81,43 @@ class Watch:
             return "memory_limit"
         now = time.monotonic()
         if now >= self._next_disk:
-            over = self.written(found) > self.limits["disk"]
+            over = self.written(found)
             spent = time.monotonic() - now
             self._next_disk = now + max(DISK_TICK, 20 * spent)
             if over:
                 return "disk_limit"
         return ""
 
-    def written(self, processes: dict[int, Any]) -> int:
-        """Bytes on disk more than at the start, with files that have lost their name."""
-        size, seen = -self.before, 0
-        for folder in self.folders:
-            for found in _files(folder):
-                size += 512 * found.st_blocks
-                seen += 1
-                self.full_file |= (
-                    stat.S_ISREG(found.st_mode) and found.st_size >= self.limits["file_size"]
-                )
-                if seen > FILES:
-                    return sys.maxsize
+    def written(self, processes: Iterable[int]) -> bool:
+        """Whether it wrote too much, files that have lost their name included."""
+        size, files = self._sizes()
         unnamed: dict[tuple[int, int], int] = {}
+        hidden = False
         for process in processes:
-            unnamed.update(_unnamed(process))
-        return size + sum(unnamed.values())
+            try:
+                unnamed.update(_unnamed(process))
+            except PermissionError:
+                hidden = True
+        self.hidden = self.hidden + 1 if hidden else 0
+        if self.open and self.hidden > HIDDEN:
+            return True
+        size += sum(unnamed.values())
+        return size - self.size > self.limits["disk"] or files - self.files > self.limits["files"]
+
+    def _sizes(self) -> tuple[int, int]:
+        """Of all files and folders, bytes on disk, and how many there are."""
+        size = files = 0
+        todo = [(folder, 0) for folder in self.folders]
+        while todo and files < MANY:
+            folder, depth = todo.pop()
+            for name, found in _files(folder):
+                size += 512 * found.st_blocks
+                files += 1 if depth < DEEPEST else MANY
+                if stat.S_ISDIR(found.st_mode):
+                    todo.append((name, depth + 1))
+                elif stat.S_ISREG(found.st_mode) and found.st_size >= self.limits["file_size"]:
+                    self.full_file = True
+        return size, files
 
 
 def _descendants() -> list[int]:
@@ -154,36 +171,34 @@ def _shared_once(found: dict[int, dict[str, str]]) -> int:
     return total
 
 
-def _files(folder: str, depth: int = 0) -> Iterator[os.stat_result]:
-    """All in a folder, links not followed. Too deep counts as too many."""
+def _files(folder: str) -> Iterator[tuple[str, os.stat_result]]:
+    """All that is in a folder, links not followed."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
-                found = entry.stat(follow_symlinks=False)
-                yield found
-                if stat.S_ISDIR(found.st_mode):
-                    if depth >= DEEPEST:
-                        yield from [found] * (FILES + 1)
-                    yield from _files(entry.path, depth + 1)
+                yield entry.path, entry.stat(follow_symlinks=False)
 
 
 def _unnamed(process: int) -> dict[tuple[int, int], int]:
-    """Sizes on disk [bytes] of files that a process has open or mapped, and that have no name."""
+    """Sizes on disk [bytes] of files that a process has open or mapped, and that have no name.
+
+    Raises PermissionError.
+    """
     sizes = {}
     folder = f"/proc/{process}/fd"
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it has ended
         for name in os.listdir(folder):
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(FileNotFoundError):
                 found = os.stat(f"{folder}/{name}")
                 if stat.S_ISREG(found.st_mode) and found.st_nlink == 0:
                     sizes[found.st_dev, found.st_ino] = 512 * found.st_blocks
-    with contextlib.suppress(OSError), open(f"/proc/{process}/maps", errors="replace") as stream:
-        for line in stream:
-            if line.endswith("(deleted)\n") and line.split(None, 2)[1].endswith("s"):
-                place, _, _, device, inode, _ = line.split(None, 5)
-                low, high = (int(end, 16) for end in place.split("-"))
-                major, minor = (int(part, 16) for part in device.split(":"))
-                sizes.setdefault((os.makedev(major, minor), int(inode)), high - low)
+        with open(f"/proc/{process}/maps", errors="replace") as stream:
+            for line in stream:
+                if line.endswith("(deleted)\n") and line.split(None, 2)[1].endswith("s"):
+                    place, _, _, device, inode, _ = line.split(None, 5)
+                    low, high = (int(end, 16) for end in place.split("-"))
+                    major, minor = (int(part, 16) for part in device.split(":"))
+                    sizes.setdefault((os.makedev(major, minor), int(inode)), high - low)
     return sizes
 
 
@@ -255,6 +270,7 @@ def _become(task: dict[str, Any], user: int | None, output: int, line: socket.so
         os.write(sink, kernel.filter_program(namespaces=True))
         os.close(sink)
         os.dup2(source, FILTER)
+        os.set_inheritable(FILTER, True)
     elif task["cage"] == "landlock":
         kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
         kernel.landlock(task["read"], [*task["write"], *task["devices"]])
@@ -314,7 +330,7 @@ def watch(task: dict[str, Any]) -> dict[str, Any]:
         for folder in task["write"]:
             _give(folder, user)
     kernel.prctl(kernel.PR_SET_CHILD_SUBREAPER, 1)
-    observer = Watch(task["limits"], task["write"], task["apart"])
+    observer = Watch(task)
     source, sink = os.pipe2(os.O_CLOEXEC)
     ours, theirs = socket.socketpair()
     start = time.perf_counter()
@@ -367,7 +383,7 @@ def watch(task: dict[str, Any]) -> dict[str, Any]:
             tail = (tail + chunk)[-KEPT:]
     if not limit and printed > task["limits"]["output"]:
         limit = "output_limit"
-    if not limit and observer.written({}) > task["limits"]["disk"]:
+    if not limit and observer.written([]):
         limit = "disk_limit"
     code = None if status is None else os.waitstatus_to_exitcode(status)
     return {
