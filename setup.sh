@@ -112,6 +112,8 @@ probe_system() {
     need pkg-config "finds libraries" pkg-config --version
     need libjansson-dev "the renderer reads scenes with it" links jansson.h jansson
     need libopenexr-dev "the renderer writes images with it" links openexr.h OpenEXR
+    # Where namespaces are forbidden it does not work, and Landlock takes its place: no fault here.
+    need bubblewrap "runs students' programs in a cage" bwrap --version
     find_python
     if [ -z "$python" ]; then
         need python3 "comparison and report" python3 --version

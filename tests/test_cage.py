@@ -39,12 +39,12 @@ from tests import caged
 NOBODY = 65534
 SMALL: dict[str, Any] = {
     "seconds": 20.0, "memory": 256 << 20, "processes": 16, "file_size": 4 << 20, "disk": 16 << 20,
-    "output": 1 << 16,
+    "output": 1 << 16, "files": 300,
 }  # fmt: skip
 HOLDING = [cage.name for cage in (Bubblewrap(), Landlock()) if not try_cage(cage)]
-BUILT_IN = ["", "as nobody"] if os.geteuid() == 0 else [""]
-WHERE = [f"{name} {who}".strip() for name in HOLDING for who in BUILT_IN]
-"""root's programs become someone else's first, and so pass where an ordinary user's might not"""
+WHERE = [*HOLDING, "landlock as nobody"] if os.geteuid() == 0 and "landlock" in HOLDING else HOLDING
+"""What root runs becomes someone else's first, and so may hold where an ordinary user's would not:
+with Landlock that is another way"""
 
 
 @pytest.fixture(scope="session")
@@ -188,7 +188,7 @@ def test_exit_codes_and_signals_are_told(attack: Attack) -> None:
 def test_threads_and_children_work(attack: Attack) -> None:
     found = attack(
         """
-        for thread in [threading.Thread(target=print, args=("t",)) for _ in range(4)]:
+        for thread in [threading.Thread(target=os.write, args=(1, b"t ")) for _ in range(4)]:
             thread.start()
             thread.join()
         left, right = socket.socketpair()
@@ -212,9 +212,8 @@ def test_nothing_outside_is_read(attack: Attack) -> None:
         attempt(os.listdir, outside)
         attempt(os.listdir, os.path.dirname(outside))
         for path in ("/etc/passwd", "/etc/shadow", "/dev/mem", "/dev/kmsg", f"/proc/{pid}/mem",
-                     f"/proc/{pid}/environ", f"/proc/{os.getppid()}/environ",
-                     f"/proc/{pid}/root{outside}/grades.json", f"/proc/{pid}/cwd/tests/caged.py",
-                     f"/proc/self/root{outside}/grades.json"):
+                     f"/proc/{pid}/environ", f"/proc/{pid}/root{outside}/grades.json",
+                     f"/proc/{pid}/cwd/tests/caged.py", f"/proc/self/root{outside}/grades.json"):
             attempt(read, path)
         os.symlink(f"{outside}/grades.json", os.path.dirname(out) + "/link")
         attempt(read, os.path.dirname(out) + "/link")
@@ -223,7 +222,7 @@ def test_nothing_outside_is_read(attack: Attack) -> None:
     )
     assert found["ended"].code == 0
     assert "DID" not in found["ended"].printed and caged.SECRET not in found["ended"].printed
-    assert found["ended"].printed.count("refused") == 17
+    assert found["ended"].printed.count("refused") == 16
 
 
 def test_the_same_program_without_a_cage_reads_it_all() -> None:
@@ -403,8 +402,7 @@ def test_a_daemon_does_not_outlive_its_run(attack: Attack) -> None:
 )
 def test_memory_has_an_end(hog: str, attack: Attack) -> None:
     found = attack(hog)
-    # What the kernel refuses at once, the program can only complain of.
-    assert fault(found) == "memory_limit" or "MemoryError" in found["ended"].printed
+    assert fault(found) == "memory_limit"
 
 
 def test_many_processes_have_the_memory_of_one(attack: Attack) -> None:
@@ -629,10 +627,10 @@ def test_folders_are_removed_however_deep_and_links_not_followed(tmp_path: Path)
     folder = tmp_path / "folder"
     folder.mkdir()
     here = os.open(folder, os.O_RDONLY)
-    for _ in range(3000):
+    for _ in range(1100):  # more than Python calls itself, and than a path may be long
         os.symlink(kept, "link", dir_fd=here)
-        os.mkdir("a", dir_fd=here)
-        below = os.open("a", os.O_RDONLY, dir_fd=here)
+        os.mkdir("long", dir_fd=here)
+        below = os.open("long", os.O_RDONLY, dir_fd=here)
         os.close(here)
         here = below
     os.close(here)

@@ -71,7 +71,16 @@ def test_without_apt_the_missing_packages_are_named(clone: Path, bare: Path) -> 
     assert run.returncode == 3
     last = run.stderr.splitlines()[-1]
     packages = {"gcc", "libjansson-dev", "libopenexr-dev", "python3-venv", "chromium", "clang"}
-    assert packages <= set(last.split())
+    assert packages | {"bubblewrap"} <= set(last.split())
+
+
+def test_a_bubblewrap_that_may_make_no_namespaces_is_not_missing(clone: Path, bare: Path) -> None:
+    script(
+        bare / "bwrap",
+        '[ "$*" = --version ] || { echo "bwrap: No permissions to create new namespace"; exit 1; }',
+    )
+    run = set_up(clone, str(bare))
+    assert "missing: gcc" in run.stderr and "bubblewrap" not in run.stderr
 
 
 def test_without_root_or_sudo_the_line_to_run_is_printed(clone: Path, bare: Path) -> None:

@@ -63,6 +63,8 @@ class Limits:
     """each file [bytes]"""
     disk: int = 256 << 20
     """all that it writes [bytes]"""
+    files: int = 5000
+    """files and folders that it makes: a name costs memory, too"""
     output: int = 1 << 20
     """what it prints [bytes]"""
 
@@ -137,14 +139,16 @@ class Desk:
                 raise
         finally:
             os.close(folder)
-        with os.fdopen(file, "rb") as source:
+        try:
             found = os.fstat(file)
             if not stat.S_ISREG(found.st_mode):
                 raise OSError(errno.EINVAL, "no plain file")
             if found.st_size > largest:
                 raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
-            with target.open("wb") as sink:
+            with open(file, "rb", closefd=False) as source, target.open("wb") as sink:
                 shutil.copyfileobj(source, sink)
+        finally:
+            os.close(file)
 
 
 INSIDE = Desk(Path("/submission"), Path("/scenes"), Path("/tmp"), Path("/dev/shm"))

@@ -29,6 +29,8 @@ LONGEST = 100_000
 """Of a penumbra.toml [bytes]"""
 CANNOT_RUN, NOT_FOUND = 126, 127
 """Exit codes of what starts a program (POSIX's shell, prlimit, the warden)"""
+NO_MEMORY = ("MemoryError", "std::bad_alloc", "Cannot allocate memory", "OutOfMemoryError")
+"""What Python, C++, C and Java print where the kernel refuses what is absurd, on this machine"""
 ADVICE = {
     signal.SIGSEGV: "it reads or writes memory that is not its own: look for an index out of range",
     signal.SIGBUS: "it reads or writes memory that is not its own",
@@ -263,7 +265,7 @@ def raise_fault(ended: Ended, what: str, limits: Limits) -> None:
         "memory_limit": f"took more than {limits.memory * mega:,.0f} MB of memory",
         "process_limit": f"started more than {limits.processes} processes and threads",
         "file_limit": f"wrote a file of more than {limits.file_size * mega:,.0f} MB",
-        "disk_limit": f"wrote more than {limits.disk * mega:,.0f} MB, or too many files",
+        "disk_limit": f"wrote more than {limits.disk * mega:,.0f} MB, or {limits.files:,} files",
         "output_limit": f"printed more than {limits.output * mega:,.1f} MB: print less",
         "forbidden": "did what no renderer needs and what is not allowed here: it opened a "
         "network connection, or looked into another process",
@@ -273,6 +275,8 @@ def raise_fault(ended: Ended, what: str, limits: Limits) -> None:
         code = "forbidden"
     elif ended.code == -signal.SIGXFSZ or (ended.code and ended.full_file):
         code = "file_limit"
+    elif ended.code and any(said in ended.printed for said in NO_MEMORY):
+        code = "memory_limit"
     if code:
         raise SubmissionFault(code, f"{what} {limit[code]}", harmless(ended.printed))
 

@@ -24,7 +24,7 @@ import stat
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from penumbra.grading import kernel
@@ -33,10 +33,8 @@ TICK = 0.02
 """[s] in which a program may overrun: touching memory as fast as one can, some 100 MB"""
 DISK_TICK = 0.05
 """[s] at least between looks at the disk; a twentieth of the time goes into them"""
-FILES = 20_000
-"""So many files and folders are as bad as a full disk: a name costs memory, too"""
-DEEPEST = 100
-"""Folders in folders"""
+DEEPEST, MANY = 100, 1 << 20
+"""Folders in folders, more of which count as so many files"""
 KEPT = 8000
 """Bytes of the end of what it printed"""
 SPARE_PROCESSES = 16
@@ -60,8 +58,7 @@ class Watch:
         self.limits, self.folders, self.apart = limits, folders, apart
         self.full_file = False
         """one is as large as a file may be"""
-        self.before = 0
-        self.before = self.written({})
+        self.size, self.files = self._sizes()
         self._next_disk = 0.0
 
     def reached(self) -> str:
@@ -78,29 +75,36 @@ class Watch:
             return "memory_limit"
         now = time.monotonic()
         if now >= self._next_disk:
-            over = self.written(found) > self.limits["disk"]
+            over = self.written(found)
             spent = time.monotonic() - now
             self._next_disk = now + max(DISK_TICK, 20 * spent)
             if over:
                 return "disk_limit"
         return ""
 
-    def written(self, processes: dict[int, Any]) -> int:
-        """Bytes on disk more than at the start, with files that have lost their name."""
-        size, seen = -self.before, 0
-        for folder in self.folders:
-            for found in _files(folder):
-                size += 512 * found.st_blocks
-                seen += 1
-                self.full_file |= (
-                    stat.S_ISREG(found.st_mode) and found.st_size >= self.limits["file_size"]
-                )
-                if seen > FILES:
-                    return sys.maxsize
+    def written(self, processes: Iterable[int]) -> bool:
+        """Whether it wrote too much, files that have lost their name included."""
+        size, files = self._sizes()
         unnamed: dict[tuple[int, int], int] = {}
         for process in processes:
             unnamed.update(_unnamed(process))
-        return size + sum(unnamed.values())
+        size += sum(unnamed.values())
+        return size - self.size > self.limits["disk"] or files - self.files > self.limits["files"]
+
+    def _sizes(self) -> tuple[int, int]:
+        """Of all files and folders, bytes on disk, and how many there are."""
+        size = files = 0
+        todo = [(folder, 0) for folder in self.folders]
+        while todo and files < MANY:
+            folder, depth = todo.pop()
+            for name, found in _files(folder):
+                size += 512 * found.st_blocks
+                files += 1 if depth < DEEPEST else MANY
+                if stat.S_ISDIR(found.st_mode):
+                    todo.append((name, depth + 1))
+                elif stat.S_ISREG(found.st_mode) and found.st_size >= self.limits["file_size"]:
+                    self.full_file = True
+        return size, files
 
 
 def _descendants() -> list[int]:
@@ -154,17 +158,12 @@ def _shared_once(found: dict[int, dict[str, str]]) -> int:
     return total
 
 
-def _files(folder: str, depth: int = 0) -> Iterator[os.stat_result]:
-    """All in a folder, links not followed. Too deep counts as too many."""
+def _files(folder: str) -> Iterator[tuple[str, os.stat_result]]:
+    """All that is in a folder, links not followed."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
-                found = entry.stat(follow_symlinks=False)
-                yield found
-                if stat.S_ISDIR(found.st_mode):
-                    if depth >= DEEPEST:
-                        yield from [found] * (FILES + 1)
-                    yield from _files(entry.path, depth + 1)
+                yield entry.path, entry.stat(follow_symlinks=False)
 
 
 def _unnamed(process: int) -> dict[tuple[int, int], int]:
@@ -367,7 +366,7 @@ def watch(task: dict[str, Any]) -> dict[str, Any]:
             tail = (tail + chunk)[-KEPT:]
     if not limit and printed > task["limits"]["output"]:
         limit = "output_limit"
-    if not limit and observer.written({}) > task["limits"]["disk"]:
+    if not limit and observer.written([]):
         limit = "disk_limit"
     code = None if status is None else os.waitstatus_to_exitcode(status)
     return {
