@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import doctest
 import itertools
 import json
 import os
@@ -13,16 +14,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import psutil
 import pytest
 from distributed import Security
 
+from bench import scale
+from penumbra.__main__ import main
 from penumbra.cli.exit import MISSING, USAGE
-from penumbra.compare.check.calibration import few, judged
+from penumbra.compare.check import calibration
 from penumbra.compare.measure.image import read_image
+from penumbra.compare.run import errands
+from penumbra.compare.run import tasks as tasks_module
 from penumbra.compare.run.provenance import machine
 from penumbra.compare.run.renderers import CommandRenderer, penumbra_renderer
 from penumbra.compare.run.tasks import (
@@ -153,6 +160,12 @@ def test_what_a_task_raises_is_raised_here() -> None:
 
 def test_nothing_is_started_for_no_tasks() -> None:
     assert list(run_tasks(deeds.digest, [], Scheduler("/nowhere"))) == []
+
+
+def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    with pytest.raises(ImportError, match=r"pip install 'penumbra\[class\]'"):
+        list(run_tasks(deeds.digest, tasks(["a"]), jobs=1))
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
@@ -299,12 +312,18 @@ def without(data: Any, *names: str) -> Any:
     return [without(v, *names) for v in data] if isinstance(data, list) else data
 
 
-def test_calibration_says_the_same_bytes_on_workers(machines: Machines) -> None:
-    """Of nine pictures, in two tasks, which may end in either order."""
-    specimens = few()[:4] + few()[-5:]
-    here = {s.key: said for s, said in judged(specimens, jobs=1)}
-    there = {s.key: said for s, said in judged(specimens, None, Scheduler(str(machines.file)))}
-    assert len(there) == 9
+def test_calibration_says_the_same_bytes_on_workers(
+    machines: Machines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two pictures, in two tasks, which may end in either order; their grid is given, which
+    saves the time to fit it."""
+    monkeypatch.setattr(calibration, "CHUNK", 1)
+    lacking = [s for s in calibration.few() if s.kind == "left out"]
+    specimens = [replace(specimen, fitted=False) for specimen in lacking[:2]]
+    here = {s.key: said for s, said in calibration.judged(specimens, jobs=1)}
+    scheduler = Scheduler(str(machines.file))
+    there = {s.key: said for s, said in calibration.judged(specimens, None, scheduler)}
+    assert len(there) == 2
     assert as_bytes(there) == as_bytes(here)
 
 
@@ -418,6 +437,31 @@ def test_a_file_that_is_no_schedulers_is_refused(tmp_path: Path, text: str) -> N
     with pytest.raises(SchedulerError, match=r"scheduler\.json: no file of `dask scheduler"):
         Scheduler(str(file)).address()
     assert getattr(SchedulerError, "exit_code", USAGE) == USAGE
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--tls-ca", "a.pem"), "go with --scheduler"),
+        (("--scheduler", "tcp://a:1", "--jobs", "2"), "leave it out with --scheduler"),
+        (("--scheduler", "tls://a:1"), "needs --tls-ca, --tls-cert and --tls-key"),
+        (("--scheduler", "tls://a:1", "--tls-ca", "a.pem"), "go together: no --tls-cert"),
+        (("--scheduler", "ftp://a:1"), "begins with tcp:// or tls://"),
+    ],
+)
+def test_options_that_do_not_go_together_are_usage_errors(
+    options: tuple[str, ...], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "calibration.json"
+    assert main(["calibrate", "--reduced", "-o", str(out), *options]) == USAGE
+    assert said in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("module", [tasks_module, errands, scale])
+def test_doctests_hold(module: ModuleType) -> None:
+    tried = doctest.testmod(module)
+    assert tried.attempted and not tried.failed
 
 
 def test_patience_ends() -> None:

@@ -73,8 +73,8 @@ def stamp(renderer: Renderer) -> str:
 def absolute(renderer: CommandRenderer) -> CommandRenderer:
     """With the paths of this folder, since a worker runs in another.
 
-    >>> absolute(CommandRenderer("a", "/b {scene} {light_samples} {seed} {out}")).command
-    '/b {scene} {light_samples} {seed} {out}'
+    >>> absolute(CommandRenderer("a", "/b {scene} {light_samples} {seed} {out}")).words
+    ('/b', '{scene}', '{light_samples}', '{seed}', '{out}')
     """
     first, *rest = renderer.words
     words = [str(Path(first).absolute()) if "/" in first else first]

@@ -224,7 +224,7 @@ def run_program(words: list[str], timeout: float) -> Ran:
     tail = bytearray()
     code: int | None = None
     try:
-        with _interrupts_held():  # else one in here would lose sight of what was started
+        with interrupts_held():  # else one in here would lose sight of what was started
             process = subprocess.Popen(
                 words,
                 stdin=subprocess.DEVNULL,
@@ -246,7 +246,7 @@ def run_program(words: list[str], timeout: float) -> Ran:
 
 
 @contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
+def interrupts_held() -> Iterator[None]:
     """Let Ctrl-C and SIGTERM wait until the block is done. Only the main thread gets them."""
     if threading.current_thread() is not threading.main_thread():
         yield

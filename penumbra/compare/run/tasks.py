@@ -33,6 +33,7 @@ from typing import Any
 
 import penumbra
 from penumbra.compare.run.provenance import VERSION, cores, file_hash
+from penumbra.compare.run.renderers import interrupts_held
 
 IN_FLIGHT = 2
 """Tasks handed over for each thread of a worker: the next one is there when one ends."""
@@ -40,8 +41,8 @@ DEATHS = 3
 """Workers that must have died of a task before it is given up, the last of them alone with it"""
 PATIENCE = 600.0
 """How long to wait for a scheduler that is gone, or for a worker where there is none [s]"""
-CONNECTING = 20.0
-"""How long one attempt to reach a scheduler may take [s]"""
+CONNECTING = 5.0
+"""How long one attempt to reach a scheduler may take [s]; Ctrl-C waits for it"""
 SILENCE = 20.0
 """How long to wait without saying so: a worker that died takes a while to start again [s]"""
 POLL = 0.5
@@ -306,14 +307,12 @@ class _Pool:
         told = False
         while True:
             try:
-                if self.scheduler is None:
-                    self.client = distributed.Client(self._cluster, set_as_default=False)
-                else:
+                where, security = self._cluster, None
+                if self.scheduler is not None:
+                    where, security = self.scheduler.address(), self.scheduler.security()
+                with interrupts_held():  # else nobody could close it
                     self.client = distributed.Client(
-                        self.scheduler.address(),
-                        security=self.scheduler.security(),
-                        timeout=min(CONNECTING, self.patience),
-                        set_as_default=False,
+                        where, security=security, timeout=CONNECTING, set_as_default=False
                     )
                 self._compare()
                 return
@@ -372,13 +371,20 @@ class _Pool:
         """Versions here, at the scheduler and at the workers there are. Raises SchedulerError."""
         self.threads()
         here = versions_here()
-        told = self.ask(self.client.get_versions)["scheduler"]
-        found = dict(told["packages"] if told else {})
+        told = self.ask(self.client.get_versions)
+        found = dict(told["scheduler"]["packages"])
         for name in ("dask", "distributed"):
             if found.get(name) != here[name]:
                 raise SchedulerError(
                     f"the scheduler has {name} {found.get(name)}, not {here[name]} as here: "
                     "make them the same"
+                )
+
+        python = told["client"]["host"]["python"]
+        for address, worker in told["workers"].items():  # what another one could not even load
+            if (other := worker["host"]["python"]) != python:
+                raise SchedulerError(
+                    _refusal(address, differences({"python": python}, {"python": other}))
                 )
 
         def look() -> Any:  # by value: a worker may lack penumbra
@@ -423,23 +429,27 @@ class _Pool:
         scratch = self._on_close.enter_context(tempfile.TemporaryDirectory(prefix="penumbra-"))
         settings = {
             "distributed.scheduler.allowed-failures": DEATHS - 2,  # the last one is isolate()'s
+            "distributed.scheduler.http.routes": [],
+            "distributed.worker.http.routes": [],
             "temporary-directory": scratch,
         }
-        with dask.config.set(settings):
+        with dask.config.set(settings), interrupts_held():
             self._cluster = distributed.LocalCluster(
-                n_workers=jobs,
+                n_workers=0,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
                 protocol="tls://",
                 security=security,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
+                worker_dashboard_address="127.0.0.1:0",
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
                 local_directory=scratch,
                 loop=loop.loop,
             )
-        self._on_close.callback(_end, self._cluster)
+            self._on_close.callback(_end, self._cluster)
+            self._cluster.scale(jobs)  # returns at once, so that what stops us finds all to end
 
     def _drop_client(self) -> None:
         if self.client is not None:
@@ -581,7 +591,12 @@ class _Run:
         if flight is None or flight.future is not future:  # of a scheduler that is gone
             return []
         if future.status == "finished":
-            outcome = self.pool.ask(future.result)
+            try:
+                outcome = self.pool.ask(future.result)
+            except _Gone:
+                raise
+            except Exception as error:  # the worker that held it died: it was done once more
+                outcome = self._failed(flight.tasks[0].key, error)
         elif future.status == "error":
             outcome = self._failed(flight.tasks[0].key, future.exception())
         else:
