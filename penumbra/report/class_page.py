@@ -222,26 +222,36 @@ def _content(grades: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
         }
         for m in grades["mistakes"]
     ]
-    undecided = [
-        {
-            "title": seen(claim["title"]),
-            "rows": [r for r in rows if r["verdict"] != FAILED and claim["id"] in r["undecided"]],
-        }
-        for claim in grades["rubric"]["claims"]
-    ]
     return {
         "rows": rows,
         "verdicts": [{"word": w, "tone": VERDICTS[w], "count": counts[w]} for w in VERDICTS],
         "mistakes": mistakes,
         "unfolded": MOST_MISTAKES,
         "failed": [row for row in rows if row["verdict"] == FAILED],
-        "undecided": [claim for claim in undecided if claim["rows"]],
+        "undecided": _undecided(grades["rubric"]["claims"], rows),
         "alike": [[anchors[i] for i in same] for same in _same(grades["submissions"])],
         "wide": len(grades["rubric"]["claims"]) > MOST_CLAIMS,
         "hint": grades["hint"],
         "trusted": grades["trusted"],
         "versions": grades["versions"],
     }
+
+
+def _undecided(
+    claims: Sequence[dict[str, Any]], rows: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Claims that cannot be told of some that were judged; those of the same ones together"""
+    judged = [row for row in rows if row["verdict"] != FAILED]
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for claim in claims:
+        found = tuple(row["anchor"] for row in judged if claim["id"] in row["undecided"])
+        groups.setdefault(found, []).append(legible(claim["title"]))
+    by_anchor = {row["anchor"]: row for row in rows}
+    return [
+        {"titles": titles, "rows": [by_anchor[anchor] for anchor in found]}
+        for found, titles in groups.items()
+        if found
+    ]
 
 
 def _same(submissions: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
