@@ -147,9 +147,10 @@ def _work(sender: Any, argument: Any) -> None:
 def _grades(keys: Mapping[str, str], judged: Callable[[str], Any], asked: Class) -> dict[str, Any]:
     alike: dict[str, list[str]] = {}
     for id_, key in sorted(keys.items()):
-        alike.setdefault(key, []).append(id_)
+        if judged(key)["status"] == "graded":  # nothing is the same as nothing
+            alike.setdefault(key, []).append(id_)
     submissions = [
-        _entry(id_, judged(key), asked, [other for other in alike[key] if other != id_])
+        _entry(id_, judged(key), asked, [other for other in alike.get(key, []) if other != id_])
         for id_, key in sorted(keys.items())
     ]
     return {
