@@ -409,7 +409,7 @@ def test_signs_are_words_and_symbols_and_not_colours_alone(page: Page) -> None:
     signs = page.eval_on_selector_all(
         "#class td.claim [role=img]", "all => all.map(e => [e.ariaLabel, e.textContent])"
     )
-    assert len(signs) == COUNT * len(classroom.RUBRIC) and {tuple(s) for s in signs} == set(
+    assert len(signs) == COUNT * len(made_up.RUBRIC) and {tuple(s) for s in signs} == set(
         SIGNS.items()
     )
     assert page.locator("img:not([alt])").count() == 0
