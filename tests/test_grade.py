@@ -181,41 +181,51 @@ def test_another_rubric_or_hint_judges_nothing_again(
 
 
 def test_a_killed_run_goes_on_and_judges_nothing_twice(
-    seats: tuple[Path, list[Seat]], graded: tuple[Path, dict[str, Any]], tmp_path: Path
+    seats: tuple[Path, list[Seat]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command = [sys.executable, "-m", "penumbra", "grade", str(seats[0]), "-o", str(tmp_path)]
+    """Four of the class; SIGKILL to all processes of the run as soon as one is judged."""
+    folder, out, whole = (tmp_path / name for name in ("class", "out", "whole"))
+    for seated in seats[1][:4]:
+        shutil.copytree(seats[0] / seated.id, folder / seated.id)
+    command = [sys.executable, "-m", "penumbra", "grade", str(folder), "-o", str(out)]
     command += ["--jobs", "2", "--hint", "2"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    journal = tmp_path / "grades.journal"
+    journal = out / "grades.journal"
     with subprocess.Popen(
         command, env=environment, start_new_session=True, stderr=subprocess.DEVNULL
     ) as run:
         end = time.monotonic() + 300
-        while not (journal.exists() and journal.read_bytes().count(b"\n") >= 2):
+        while not (journal.exists() and journal.read_bytes().count(b"\n") >= 1):
             assert run.poll() is None and time.monotonic() < end
             time.sleep(0.02)
         os.killpg(run.pid, signal.SIGKILL)
-    assert not (tmp_path / "grades.json").exists()
+    assert not (out / "grades.json").exists()
     kept = journal.read_bytes()
-    whole = kept[: kept.rfind(b"\n") + 1]
     assert subprocess.run(command, env=environment, capture_output=True).returncode == 0
-    assert journal.read_bytes().startswith(whole)
+    assert journal.read_bytes().startswith(kept[: kept.rfind(b"\n") + 1])
     keys = [json.loads(line)["key"] for line in journal.read_bytes().splitlines()]
-    assert len(keys) == len(set(keys))
-    grades = (tmp_path / "grades.json").read_bytes()
-    assert grades == (graded[0] / "grades.json").read_bytes()
+    assert len(keys) == len(set(keys)) == 4
+    monkeypatch.setattr(gradebook, "run_tasks", here)
+    grade_class(entries(folder), ASKED, whole)
+    assert (out / "grades.json").read_bytes() == (whole / "grades.json").read_bytes()
 
 
 def test_a_submission_that_kills_its_workers_fails_and_the_class_goes_on(
-    seats: tuple[Path, list[Seat]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def dying(function: Any, tasks: Any, *_: Any) -> Any:
         for task in tasks:
-            yield task, Lost("it died 3 times")
+            hurt = any(file.data == b"deadly" for file in task.argument[0].files)
+            yield task, Lost("it died 3 times") if hurt else function(task.argument)
 
     monkeypatch.setattr(gradebook, "run_tasks", dying)
-    found = grade_class(entries(seats[0])[-1:], ASKED, tmp_path)["submissions"][0]
-    assert found["problem"]["code"] == "killed_worker" and found["points"] == 0
+    for name, data in (("a", b"deadly"), ("b", b"text")):
+        (tmp_path / "class" / name).mkdir(parents=True)
+        (tmp_path / "class" / name / "n16_m1.png").write_bytes(data)
+    a, b = grade_class(entries(tmp_path / "class"), ASKED, tmp_path / "out")["submissions"]
+    assert a["problem"]["code"] == "killed_worker" and a["points"] == 0
+    assert b["problem"]["code"] == "bad_image"
+    assert (tmp_path / "out" / "grades.journal").read_bytes().count(b"\n") == 1  # a is tried again
 
 
 def test_a_fault_of_ours_costs_no_points(
@@ -390,9 +400,17 @@ def test_results_in_the_folder_are_no_submission(tmp_path: Path) -> None:
     assert [e.id for e in entries(tmp_path, leave=[tmp_path / "graded"])] == ["dupont"]
 
 
-def test_one_is_the_folder_itself(tmp_path: Path) -> None:
+def test_one_is_the_folder_itself_and_needs_no_cluster(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(gradebook, "run_tasks", None)
     seat(tmp_path, "submission", RIGHT)
-    assert [e.id for e in entries(tmp_path / "submission", one=True)] == ["submission"]
+    command = ["grade", str(tmp_path / "submission"), "-o", str(tmp_path / "out"), "--one"]
+    assert main(command) == 0
+    assert "1 submissions: 1 right" in capsys.readouterr().out
+    grades = json.loads((tmp_path / "out" / "grades.json").read_text())
+    assert [one["id"] for one in grades["submissions"]] == ["submission"]
+    assert (tmp_path / "out" / "index.html").exists()
 
 
 def test_too_much_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -158,9 +158,10 @@ def summary(grades: dict[str, Any]) -> str:
     lines = [f"{len(every)} submissions: {', '.join(counts)}, {len(every) - len(graded)} failed"]
     for mistake in grades["mistakes"][:MOST_SHOWN]:
         lines.append(f"{len(mistake['submissions']):4}  {mistake['title']}")
-    unsure = sum(bool(one["for_instructor"]) for one in every)
-    if unsure:
-        lines.append(f"{unsure} have claims that only you can judge (for_instructor): full points")
+    claims = [claim["id"] for claim in grades["rubric"]["claims"]]
+    untold = [(c, sum(c in one["for_instructor"] for one in every)) for c in claims]
+    if said := ", ".join(f"{claim} of {number}" for claim, number in untold if number):
+        lines.append(f"cannot be told, and got full points: {said}")
     failed = [one for one in every if one["status"] == "failed"]
     lines += [f"failed: {one['id']}: {one['problem']['text']}" for one in failed[:MOST_SHOWN]]
     return "\n".join(lines) + "\n"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import base64
 import io
+import math
 import os
 import re
 import shutil
@@ -544,11 +545,11 @@ def thumbnail(values: np.ndarray) -> str:
 
 
 def plain(value: Any, words: dict[str, str]) -> Any:
-    """As JSON: six digits of a number, which is more than any machine agrees on with another's,
-    and words for what texts hold (paths of this machine).
+    """As JSON: six digits of a number, so that machines agree on it, null for what is none; and
+    words for what texts hold (paths of this machine).
 
-    >>> plain((1.23456789, "/tmp/x.json: no"), {"/tmp/x.json": "x"})
-    [1.23457, 'x: no']
+    >>> plain((1.23456789, math.inf, "/tmp/x.json: no"), {"/tmp/x.json": "x"})
+    [1.23457, None, 'x: no']
     """
     if isinstance(value, dict):
         return {str(key): plain(item, words) for key, item in value.items()}
@@ -557,7 +558,7 @@ def plain(value: Any, words: dict[str, str]) -> Any:
     if isinstance(value, bool | int) or value is None:
         return value
     if isinstance(value, float | np.floating):
-        return float(f"{float(value):.6g}")
+        return float(f"{float(value):.6g}") if math.isfinite(value) else None
     if isinstance(value, np.integer | np.bool_):
         return value.item()
     found = str(value)
