@@ -621,12 +621,19 @@ def test_where_landlock_is_old_the_filter_does_its_part() -> None:
 
 @pytest.mark.parametrize("cage", HOLDING)
 @pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGINT])
-def test_a_grader_that_ends_takes_its_programs_along(cage: str, kind: signal.Signals) -> None:
+def test_a_grader_that_ends_takes_its_programs_along(
+    cage: str, kind: signal.Signals, package: Path
+) -> None:
+    folder = package / uuid.uuid4().hex[:8]  # a socket has a short name
+    folder.mkdir(mode=0o755)
     marker = f"marker-{uuid.uuid4().hex}"
     program = PRELUDE + "print('runs')\nos.fork()\ntime.sleep(60)"
     task = {"cage": cage, "program": program, "limits": SMALL, "marker": marker}
     with subprocess.Popen(
-        [sys.executable, caged.__file__], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL
+        [sys.executable, package / "caged.py"],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "TMPDIR": str(folder)},
     ) as grader:
         assert grader.stdin
         grader.stdin.write(json.dumps(task).encode())
@@ -635,6 +642,7 @@ def test_a_grader_that_ends_takes_its_programs_along(cage: str, kind: signal.Sig
         grader.send_signal(kind)
         grader.wait(10)
         until(lambda: not caged.marked(marker))
+        until(lambda: not list(folder.glob("penumbra-cage-*")))
 
 
 def until(true: Callable[[], bool], seconds: float = 10.0) -> None:

@@ -3,7 +3,7 @@
 A program of its own (standard library only, so that it starts at once): whoever grades has threads,
 other children and no wish to adopt a student's orphans. It reads what to do as JSON from a line of
 standard input, writes what came of it as JSON to standard output, and ends everything if standard
-input is closed: whoever asked is dead.
+input is closed: whoever asked is dead, and so the submission's folders are removed, too.
 
 Memory, processes and disk are watched every TICK seconds, because a limit of the kernel's holds for
 one process and not for all, and does not say afterwards that it was reached. The kernel's own stand
@@ -25,6 +25,7 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from penumbra.grading import kernel
@@ -376,6 +377,11 @@ def watch(task: dict[str, Any]) -> dict[str, Any]:
     finally:
         seconds = time.perf_counter() - start
         status = _end_all(child)
+    if limit == "abandoned":
+        from penumbra.grading.cage import remove  # which imports this file
+
+        remove(Path(task["base"]))
+        return {}
     os.set_blocking(source, False)
     with contextlib.suppress(BlockingIOError):
         while not limit and (chunk := os.read(source, 1 << 16)):
