@@ -282,11 +282,11 @@ def test_a_counted_check_asks_the_same_whatever_the_time(monkeypatch: pytest.Mon
     for seconds, cores in ((0.01, 1), (50.0, 8)):
         monkeypatch.setattr(check_program_module, "cores", lambda cores=cores: cores)
         subject = Pretended(seconds)
-        found = check_program(subject, scenes=("tp3", "check_two_lights"), pictures=3)
+        found = check_program(subject, scenes=("tp3", "check_two_lights"), pictures=2)
         asked.append(subject.asked)
         facts.append(found.facts)
         scores.append(found.diagnosis.best)
-        assert len(found.trials) == 3
+        assert len(found.trials) == 2
         assert (found.speed_up is None) == (cores == 1)
     assert asked[0] == asked[1] and facts[0] == facts[1] and scores[0] == scores[1]
     assert [threads for *_, threads in asked[0]].count(1) == 1

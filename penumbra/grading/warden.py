@@ -3,7 +3,7 @@
 A program of its own (standard library only, so that it starts at once): whoever grades has threads,
 other children and no wish to adopt a student's orphans. It reads what to do as JSON from a line of
 standard input, writes what came of it as JSON to standard output, and ends everything if standard
-input is closed: whoever asked is dead.
+input is closed: whoever asked is dead, and so the submission's folders are removed, too.
 
 Memory, processes and disk are watched every TICK seconds, because a limit of the kernel's holds for
 one process and not for all, and does not say afterwards that it was reached. The kernel's own stand
@@ -25,6 +25,7 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from penumbra.grading import kernel
@@ -33,6 +34,8 @@ TICK = 0.02
 """[s] in which a program may overrun: touching memory as fast as one can, some 100 MB"""
 DISK_TICK = 0.05
 """[s] at least between looks at the disk; a twentieth of the time goes into them"""
+HIDDEN = 4
+"""Looks in a row: for an instant while it starts, every program's files are hidden"""
 DEEPEST, MANY = 100, 1 << 20
 """Folders in folders, more of which count as so many files"""
 KEPT = 8000
@@ -54,8 +57,12 @@ CANNOT_START = 127
 class Watch:
     """What all the descendants of this process use."""
 
-    def __init__(self, limits: dict[str, Any], folders: list[str], apart: int) -> None:
-        self.limits, self.folders, self.apart = limits, folders, apart
+    def __init__(self, task: dict[str, Any]) -> None:
+        self.limits, self.folders, self.apart = task["limits"], task["write"], task["apart"]
+        self.open = task["cage"] == "landlock"
+        """only an ill-meaning process goes on hiding its files; bubblewrap's own do, too"""
+        self.hidden = 0
+        """looks in a row at which one did"""
         self.full_file = False
         """one is as large as a file may be"""
         self.size, self.files = self._sizes()
@@ -86,8 +93,15 @@ class Watch:
         """Whether it wrote too much, files that have lost their name included."""
         size, files = self._sizes()
         unnamed: dict[tuple[int, int], int] = {}
+        hidden = False
         for process in processes:
-            unnamed.update(_unnamed(process))
+            try:
+                unnamed.update(_unnamed(process))
+            except PermissionError:
+                hidden = True
+        self.hidden = self.hidden + 1 if hidden else 0
+        if self.open and self.hidden > HIDDEN:
+            return True
         size += sum(unnamed.values())
         return size - self.size > self.limits["disk"] or files - self.files > self.limits["files"]
 
@@ -167,22 +181,25 @@ def _files(folder: str) -> Iterator[tuple[str, os.stat_result]]:
 
 
 def _unnamed(process: int) -> dict[tuple[int, int], int]:
-    """Sizes on disk [bytes] of files that a process has open or mapped, and that have no name."""
+    """Sizes on disk [bytes] of files that a process has open or mapped, and that have no name.
+
+    Raises PermissionError.
+    """
     sizes = {}
     folder = f"/proc/{process}/fd"
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it has ended
         for name in os.listdir(folder):
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(FileNotFoundError):
                 found = os.stat(f"{folder}/{name}")
                 if stat.S_ISREG(found.st_mode) and found.st_nlink == 0:
                     sizes[found.st_dev, found.st_ino] = 512 * found.st_blocks
-    with contextlib.suppress(OSError), open(f"/proc/{process}/maps", errors="replace") as stream:
-        for line in stream:
-            if line.endswith("(deleted)\n") and line.split(None, 2)[1].endswith("s"):
-                place, _, _, device, inode, _ = line.split(None, 5)
-                low, high = (int(end, 16) for end in place.split("-"))
-                major, minor = (int(part, 16) for part in device.split(":"))
-                sizes.setdefault((os.makedev(major, minor), int(inode)), high - low)
+        with open(f"/proc/{process}/maps", errors="replace") as stream:
+            for line in stream:
+                if line.endswith("(deleted)\n") and line.split(None, 2)[1].endswith("s"):
+                    place, _, _, device, inode, _ = line.split(None, 5)
+                    low, high = (int(end, 16) for end in place.split("-"))
+                    major, minor = (int(part, 16) for part in device.split(":"))
+                    sizes.setdefault((os.makedev(major, minor), int(inode)), high - low)
     return sizes
 
 
@@ -254,6 +271,7 @@ def _become(task: dict[str, Any], user: int | None, output: int, line: socket.so
         os.write(sink, kernel.filter_program(namespaces=True))
         os.close(sink)
         os.dup2(source, FILTER)
+        os.set_inheritable(FILTER, True)
     elif task["cage"] == "landlock":
         kernel.prctl(kernel.PR_SET_NO_NEW_PRIVS, 1)
         kernel.landlock(task["read"], [*task["write"], *task["devices"]])
@@ -313,7 +331,7 @@ def watch(task: dict[str, Any]) -> dict[str, Any]:
         for folder in task["write"]:
             _give(folder, user)
     kernel.prctl(kernel.PR_SET_CHILD_SUBREAPER, 1)
-    observer = Watch(task["limits"], task["write"], task["apart"])
+    observer = Watch(task)
     source, sink = os.pipe2(os.O_CLOEXEC)
     ours, theirs = socket.socketpair()
     start = time.perf_counter()
@@ -359,6 +377,11 @@ def watch(task: dict[str, Any]) -> dict[str, Any]:
     finally:
         seconds = time.perf_counter() - start
         status = _end_all(child)
+    if limit == "abandoned":
+        from penumbra.grading.cage import remove  # which imports this file
+
+        remove(Path(task["base"]))
+        return {}
     os.set_blocking(source, False)
     with contextlib.suppress(BlockingIOError):
         while not limit and (chunk := os.read(source, 1 << 16)):
