@@ -525,8 +525,26 @@ def test_a_sheets_points_are_a_sum_that_can_be_read(folder: Path, room: dict[str
         for claim in s["claims"]:
             assert claim["title"] in sheet and f"{claim['points']} of {claim['of']}" in sheet
         if s["status"] == "failed":
-            assert PROBLEM["text"] in sheet
             assert sheet.count(PROBLEM["text"]) == 1
+
+
+def test_what_a_program_printed_is_shown_to_both(tmp_path: Path) -> None:
+    """Line by line; of a sheet the last ones only, that it stays a page."""
+    made = submission("crashed", failed=True)
+    lines = [f"main.c:{i}: error: '{HOSTILE[0]}'" for i in range(100)]
+    made["problem"] = {
+        "code": "build_failed",
+        "text": "Its build failed.",
+        "printed": "\n".join(lines),
+    }
+    write_class(tmp_path, grades([made], 0))
+    for page, first in (
+        ((tmp_path / "index.html").read_text(), 0),
+        (sheet_of(tmp_path, "crashed"), 80),
+    ):
+        printed = re.search(r"<pre[^>]*>(.*?)</pre>", page, re.DOTALL)
+        assert printed is not None
+        assert escapes.unescape(printed[1]).split("\n") == lines[first:]
 
 
 def test_a_sheet_is_one_page_of_a4(browser: Browser, tmp_path: Path) -> None:

@@ -35,8 +35,9 @@ STATE_ALONE = {
 MOST_MISTAKES, MOST_PICTURES, MOST_CLAIMS = 8, 3, 8
 """Mistakes at the top and pictures in a row, above which the others are folded away; claims, above
 which the table scrolls by itself"""
-MOST_LINES = 14
-"""Of text, above which it is printed in two columns to keep a sheet to one page"""
+MOST_LINES, MOST_PRINTED = 14, 20
+"""Lines, to keep a sheet to one page: of text, above which it has two columns; of what a program
+printed"""
 LONGEST_NAME = 120
 """Of a sheet's file, without its hash [bytes]: file systems allow 255"""
 HASHED = re.compile(r"-[0-9a-f]{12}$")
@@ -103,7 +104,7 @@ def file_names(ids: Sequence[str]) -> dict[str, str]:
     >>> file_names(["dupont", "José P"])
     {'dupont': 'dupont.html', 'José P': 'José_P.html'}
     >>> sorted(file_names(["../a", "A"]).values())
-    ['A-559aead08264.html', 'a-5a6f1bce4f18.html']
+    ['A-559aead08264.html', 'a-61b4c98bfb92.html']
     """
     short = {name: _short(name) for name in ids}
     count = Counter(text.casefold() for text in short.values())
@@ -155,6 +156,7 @@ def _sheet(submission: dict[str, Any], hint: int) -> dict[str, Any]:
         "id": clean["id"],
         "tone": VERDICTS[_verdict(clean)],
         "headline": clean["problem"]["text"] if failed else said[0][0]["text"],
+        "printed": _printed(submission, MOST_PRINTED),
         "said": said[1:] if hint >= WHERE else [],
         "long": sum(map(len, said)) > MOST_LINES,
         "points": clean["points"],
@@ -166,6 +168,12 @@ def _sheet(submission: dict[str, Any], hint: int) -> dict[str, Any]:
 
 def _verdict(submission: dict[str, Any]) -> str:
     return FAILED if submission["status"] == FAILED else submission["verdict"]
+
+
+def _printed(submission: dict[str, Any], most: int | None = None) -> str:
+    """The last lines of what a program printed that came to grief"""
+    lines = (submission["problem"] or {}).get("printed", "").rstrip("\n").split("\n")
+    return "\n".join(map(legible, lines if most is None else lines[-most:]))
 
 
 def _paragraphs(text: str) -> list[list[dict[str, Any]]]:
@@ -255,9 +263,9 @@ def _undecided(
 
 
 def _same(submissions: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
-    """Ids of those that handed in the very same bytes, together"""
-    groups = (tuple(sorted([s["id"], *s["same_as"]])) for s in submissions if s["same_as"])
-    return list(dict.fromkeys(groups))
+    """Ids of those that handed in the very same bytes, together; nothing at all is no such thing"""
+    some = (s for s in submissions if s["same_as"] and s["kind"] != "none")
+    return list(dict.fromkeys(tuple(sorted([s["id"], *s["same_as"]])) for s in some))
 
 
 def _row(
@@ -282,6 +290,7 @@ def _row(
         "mistakes": named,
         "problem": problem["text"],
         "code": problem["code"].replace("_", " "),
+        "printed": _printed(submission),
         "pictures": pictures,
         "folded": len(pictures) - MOST_PICTURES,
         "points": clean["points"],
