@@ -86,6 +86,7 @@ def add(subcommands: Subcommands) -> None:
 def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
+    from penumbra.grading.cage import find_cage
     from penumbra.grading.grade import Options, pattern_of
     from penumbra.grading.gradebook import GRADES, TABLE, Class, grade_class
     from penumbra.grading.rubric import SHIPPED, read_rubric
@@ -113,6 +114,9 @@ def run(options: argparse.Namespace) -> int:
         grades = grade_class(found, asked, out, scheduler, options.jobs, progress)
     write_class(out, grades)
     print(summary(grades), end="")
+    if any(one["kind"] == "program" for one in grades["submissions"]):
+        cage = find_cage(options.trust)
+        print(f"programs were held by {cage.name}: {cage.promise}")
     print(f"written: {out / 'index.html'}, {out / GRADES}, {out / TABLE}")
     return PASS
 
