@@ -12,7 +12,7 @@ from PIL import Image
 from penumbra.compare.check.catalogue import Variant, catalogue
 from penumbra.compare.check.checking import Checked, check
 from penumbra.compare.check.mistaken import render
-from penumbra.compare.check.program import Examined, SpeedUp
+from penumbra.compare.check.program import Examined
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG
 from penumbra.compare.run.provenance import ROOT
 from penumbra.grading.claims import (
@@ -31,6 +31,7 @@ from penumbra.grading.claims import (
     mistakes_against,
     refuted_by,
     states,
+    timed,
 )
 
 RIGHT_IMAGE = (SHOWN, SHOWN, SHOWN, SHOWN, UNTOLD, UNTOLD)
@@ -178,14 +179,15 @@ def test_other_lights_are_judged_by_pictures_of_other_scenes(
 
 
 def test_threads_are_refuted_by_a_race_and_never_by_a_slow_machine(right: Checked) -> None:
-    def program(ratio: float | None, *facts: tuple[str, str]) -> str:
-        faster = SpeedUp(2, ratio) if ratio else None
-        examined = Examined((), facts, right.diagnosis, (), (), 0.0, faster)
+    def program(*facts: tuple[str, str]) -> str:
+        examined = Examined((), facts, right.diagnosis, (), (), 0.0)
         return kinds(replace(right, examined=examined))[4]
 
     race = ("race", "with several threads your picture is 0.90 times as bright as with one")
-    assert program(1.9) == SHOWN
-    assert program(1.1) == UNTOLD
-    assert program(None) == UNTOLD
-    assert program(1.9, race) == REFUTED
+    assert program() == UNTOLD
+    assert program(race) == REFUTED
+    assert timed({"threads": 2, "ratio": 1.9}).state == SHOWN
+    assert timed({"threads": 2, "ratio": 1.1}).state == UNTOLD
+    assert "1.1 times" in timed({"threads": 2, "ratio": 1.1}).why[0]
+    assert timed({"problem": "the grader's machine has one core"}).state == UNTOLD
     assert right.verdict.verdict == RIGHT_

@@ -25,9 +25,9 @@ from penumbra.compare.check.catalogue import Variant
 from penumbra.compare.check.checking import Checker, check, verdict_json
 from penumbra.compare.check.mistaken import render
 from penumbra.compare.check.specimens import Specimen
-from penumbra.compare.run.provenance import ROOT
+from penumbra.compare.run.provenance import ROOT, cores
 from penumbra.compare.run.tasks import Lost, Task
-from penumbra.grading import gradebook, submission
+from penumbra.grading import gradebook, submission, timing
 from penumbra.grading.cage import Limits, MissingCageError
 from penumbra.grading.grade import Options, PatternError, judge, pattern_of
 from penumbra.grading.gradebook import Class, grade_class
@@ -485,12 +485,50 @@ def test_a_program_is_built_run_and_graded(tmp_path: Path, monkeypatch: pytest.M
     said = judge((read(tmp_path / made.id), OPTIONS))
     assert said["kind"] == "program" and said["mistakes"] == ["only_one_light"]
     states = {claim: state["state"] for claim, state in said["states"].items()}
-    assert states.pop("threads") != "refuted"
+    assert states.pop("threads") == "cannot tell"  # no clock was asked
     assert states.pop("other_lights") == "refuted"
     assert set(states.values()) == {"shown"}
     text = json.dumps(said)
     assert "seconds" not in text and "times as fast" not in text and str(tmp_path) not in text
     assert len(said["pictures"]) == 2
+
+
+def test_a_program_is_timed_with_one_thread_and_with_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any ratio: the machine may be busy. One that cannot be built is said to be so."""
+    monkeypatch.setattr(timing, "LONG_ENOUGH", 0.05)
+    monkeypatch.setattr(timing, "ROUNDS", 1)
+    home = tmp_path / programs(tmp_path, 1)[0].id
+    found = timing.time_threads(read(home), OPTIONS)
+    if cores() == 1:
+        assert set(found) == {"problem"}
+        return
+    assert found["threads"] == min(cores(), OPTIONS.limits.processes // 2)
+    assert 0 < found["ratio"] < 2 * found["threads"]
+    (home / "mine.c").write_text("int main(void) { return nothing; }\n")
+    assert "build" in timing.time_threads(read(home), OPTIONS)["problem"]
+
+
+def test_times_change_one_claim_and_are_measured_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("penumbra.grading.grade.ASKED_FOR", 1)
+    monkeypatch.setattr(gradebook, "run_tasks", here)
+    monkeypatch.setattr(
+        gradebook, "time_threads", lambda *_: asked.append(1) or {"threads": 2, "ratio": 1.8}
+    )
+    asked: list[int] = []
+    programs(tmp_path / "class", 1)
+    seat(tmp_path / "class", "pictures", RIGHT)
+    found = entries(tmp_path / "class")
+    timed = replace(ASKED, time_threads=True)
+    every = [grade_class(found, who, tmp_path / "out") for who in (ASKED, timed, timed, ASKED)]
+    assert asked == [1]
+    states = [[c["state"] for c in by_id(g)["program000"]["claims"]] for g in every]
+    assert states[0][4] == states[3][4] == "cannot tell" and states[1][4] == "shown"
+    assert [one[:4] for one in states] == [states[0][:4]] * 4
+    assert every[0] == every[3] and every[1] == every[2]
 
 
 @pytest.mark.parametrize("name", HOSTILE)

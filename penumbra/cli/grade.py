@@ -71,6 +71,11 @@ def add(subcommands: Subcommands) -> None:
         "step, 3 all [1]",
     )  # fmt: skip
     add_scheduler(parser)
+    parser.add_argument(
+        "--time-threads", action="store_true",
+        help="time programs with one thread and with all, one after another once all is judged, on "
+        "this machine: the one thing in the results that rests on a clock",
+    )  # fmt: skip
     limits = parser.add_argument_group(
         "programs", "A submitted program runs in a cage, each build and each picture within limits."
     )
@@ -104,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
     judged = Options(
         called(scene_file), scene_file.read_bytes(), options.images, options.trust, within(options)
     )
-    asked = Class(judged, rubric, options.hint)
+    asked = Class(judged, rubric, options.hint, options.time_threads)
     found = entries(options.folder, options.one, leave=[out, rubric_file])
     with tqdm(total=len(found), file=sys.stderr, unit="submission") as bar:
 

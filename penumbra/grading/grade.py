@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import base64
+import contextlib
 import io
 import math
 import os
@@ -15,7 +16,7 @@ import re
 import shutil
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from hashlib import sha256
@@ -163,16 +164,13 @@ def _stem(name: str) -> str:
 
 def _judged(content: Content, options: Options, folder: Path) -> dict[str, Any]:
     """Raises SubmissionFault, MissingProgramError, MissingCageError, CageError, OSError."""
-    archives = [file for file in content.files if ending(Path(file.name))]
+    content = _opened(content, options, folder)
+    if content.problem:
+        return _failed(*content.problem)
     handed, notes = _handed(content, folder, options)
-    if archives and not handed and not _manifests(content):
-        content = _unpacked(archives, options, folder)
-        if content.problem:
-            return _failed(*content.problem)
-        handed, notes = _handed(content, folder, options)
-    if manifests := _manifests(content):
+    if _manifests(content):
         try:
-            return _of_program(content, manifests, bool(handed), options, folder)
+            return _of_program(content, bool(handed), options, folder)
         except SubmissionFault as fault:
             return _failed(fault.code, fault.text, fault.printed, "program")
     if not handed:
@@ -183,12 +181,20 @@ def _judged(content: Content, options: Options, folder: Path) -> dict[str, Any]:
     return _of_pictures(handed, notes, options)
 
 
+def _opened(content: Content, options: Options, folder: Path) -> Content:
+    """What an archive holds, where nothing else was handed in. Raises SubmissionFault."""
+    archives = [file for file in content.files if ending(Path(file.name))]
+    if not archives or _manifests(content) or _handed(content, folder, options)[0]:
+        return content
+    return _unpacked(archives, options, folder)
+
+
 def _manifests(content: Content) -> list[str]:
     return [file.name for file in content.files if is_manifest(file.name)]
 
 
 def _unpacked(archives: Sequence[File], options: Options, folder: Path) -> Content:
-    """What an archive holds, where nothing else was handed in. Raises SubmissionFault."""
+    """Raises SubmissionFault."""
     if len(archives) > 1:
         names = _listed([shown(file.name) for file in archives], "it holds")
         raise SubmissionFault("archive", f"Hand in one archive: {names}.")
@@ -338,10 +344,14 @@ def _without(message: str, file: Path) -> str:
 # ---------------------------------------------------------------- a program
 
 
-def _of_program(
-    content: Content, manifests: Sequence[str], beside: bool, options: Options, folder: Path
-) -> dict[str, Any]:
-    """Raises SubmissionFault, MissingCageError, CageError, OSError."""
+@contextlib.contextmanager
+def built(content: Content, options: Options, folder: Path) -> Iterator[Program]:
+    """The program that was handed in, ready to run in its cage; folder: an empty one.
+
+    Raises SubmissionFault, MissingCageError, CageError, OSError.
+    """
+    content = _opened(content, options, folder)
+    manifests = _manifests(content)
     if len(manifests) > 1:
         names = _listed([shown(name) for name in manifests], "it holds")
         raise SubmissionFault("manifest", f"Hand in one program: {names}.")
@@ -356,8 +366,14 @@ def _of_program(
     manifest = read_manifest(home)
     with Program(home, manifest, _cage(options.trusted), options.limits) as program:
         program.build()
+        yield program
+
+
+def _of_program(content: Content, beside: bool, options: Options, folder: Path) -> dict[str, Any]:
+    """Raises SubmissionFault, MissingCageError, CageError, OSError."""
+    with built(content, options, folder) as program:
         subject = _Bearable(program.renderer())
-        checked = check_renderer(subject, scenes=manifest.scenes, pictures=ASKED_FOR)
+        checked = check_renderer(subject, scenes=program.manifest.scenes, pictures=ASKED_FOR)
     notes = ["the pictures beside the program are not looked at"] if beside else []
     pictures = [
         replace(trial.view.picture, name=str(trial.experiment))
@@ -446,7 +462,7 @@ def _said(
     word = next((w for w in (WRONG, CANNOT_TELL) if w in words), RIGHT_)
     told = found if found.verdict == word else next(f for f in every if f.verdict == word)
     names = list(dict.fromkeys(name for f in every for name in f.mistakes))
-    facts = dict.fromkeys(said for f in every for code, said in f.facts if code != "speed_up")
+    facts = dict.fromkeys(said for f in every for _, said in f.facts)
     return {
         "kind": kind,
         "status": "graded",
@@ -493,7 +509,6 @@ def _evidence(checked: Checked) -> dict[str, Any]:
     del whole["origin"]
     for picture in whole["pictures"]:
         picture.pop("seconds", None)
-    whole["facts"] = [fact for fact in whole["facts"] if fact[0] != "speed_up"]
     whole["excluded"] = list(checked.diagnosis.excluded)
     return whole
 

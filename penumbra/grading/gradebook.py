@@ -18,10 +18,11 @@ from penumbra.compare.run.journal import Journal
 from penumbra.compare.run.output import write_json, write_whole
 from penumbra.compare.run.provenance import VERSION, file_hash
 from penumbra.compare.run.tasks import Lost, Scheduler, Task, content_key, run_tasks
-from penumbra.grading.claims import State
+from penumbra.grading.claims import THREADS, UNTOLD, State, timed
 from penumbra.grading.grade import Options, judge, lost
 from penumbra.grading.rubric import Rubric, for_instructor
 from penumbra.grading.submission import Entry, read
+from penumbra.grading.timing import time_threads
 
 SCHEMA = "penumbra-grades/1"
 JOURNAL, GRADES, TABLE = "grades.journal", "grades.json", "grades.csv"
@@ -41,6 +42,8 @@ class Class:
     rubric: Rubric
     hint: int
     """0 to 3: how much students are told"""
+    time_threads: bool = False
+    """programs are timed, one after another, once all are judged"""
 
 
 def grade_class(
@@ -59,7 +62,12 @@ def grade_class(
     """
     with Journal(out / JOURNAL) as journal:
         keys, passing = _judge_all(entries, asked.options, journal, scheduler, jobs, progress)
-        grades = _grades(keys, lambda key: passing.get(key) or journal.get(key), asked)
+
+        def judged(key: str) -> Any:
+            return passing.get(key) or journal.get(key)
+
+        timings = _time_all(entries, keys, judged, asked, journal)
+        grades = _grades(keys, judged, timings, asked)
     write_json(out / GRADES, grades)
     write_table(out / TABLE, grades)
     return grades
@@ -144,13 +152,39 @@ def _work(sender: Any, argument: Any) -> None:
     sender.send(found)
 
 
-def _grades(keys: Mapping[str, str], judged: Callable[[str], Any], asked: Class) -> dict[str, Any]:
+def _time_all(
+    entries: Sequence[Entry],
+    keys: Mapping[str, str],
+    judged: Callable[[str], Any],
+    asked: Class,
+    journal: Journal,
+) -> dict[str, Any]:
+    """What time_threads says, by the keys of the programs whose threads do no harm."""
+    found: dict[str, Any] = {}
+    for entry in entries if asked.time_threads else ():
+        key = keys[entry.id]
+        said = judged(key)
+        if said["kind"] != "program" or said["states"].get(THREADS, {}).get("state") != UNTOLD:
+            continue
+        if (timing := journal.get(timed_key := content_key(key, "threads"))) is None:
+            timing = time_threads(read(entry.path), asked.options)
+            journal.append(timed_key, timing)
+        found[key] = timing
+    return found
+
+
+def _grades(
+    keys: Mapping[str, str],
+    judged: Callable[[str], Any],
+    timings: Mapping[str, Any],
+    asked: Class,
+) -> dict[str, Any]:
     alike: dict[str, list[str]] = {}
     for id_, key in sorted(keys.items()):
         if judged(key)["status"] == "graded":  # nothing is the same as nothing
             alike.setdefault(key, []).append(id_)
     submissions = [
-        _entry(id_, judged(key), asked, [other for other in alike.get(key, []) if other != id_])
+        _entry(id_, judged(key), timings.get(key), asked, _others(alike.get(key, []), id_))
         for id_, key in sorted(keys.items())
     ]
     return {
@@ -165,12 +199,24 @@ def _grades(keys: Mapping[str, str], judged: Callable[[str], Any], asked: Class)
     }
 
 
-def _entry(id_: str, judged: Mapping[str, Any], asked: Class, same_as: list[str]) -> dict[str, Any]:
+def _others(ids: Iterable[str], one: str) -> list[str]:
+    return [other for other in ids if other != one]
+
+
+def _entry(
+    id_: str,
+    judged: Mapping[str, Any],
+    timing: Mapping[str, Any] | None,
+    asked: Class,
+    same_as: list[str],
+) -> dict[str, Any]:
     """A submission's entry: what was judged, at the hint's level, in the rubric's points."""
     found = {
         claim: State(state["state"], tuple(state["why"]))
         for claim, state in judged["states"].items()
     }
+    if timing:
+        found[THREADS] = timed(timing)
     marks = asked.rubric.marks(found, asked.hint)
     first = ("kind", "status", "problem", "verdict", "confidence", "headline")
     lists = ("mistakes", "titles", "perhaps", "alike", "facts")

@@ -118,16 +118,13 @@ class Trial:
     """pixels"""
 
 
-@dataclass(frozen=True)
-class SpeedUp:
-    """What several threads are worth, as measured."""
+def times_as_fast(threads: int, ratio: float) -> str:
+    """ratio: the time of one thread over that of so many.
 
-    threads: int
-    ratio: float
-    """the time of one thread, over that of all"""
-
-    def __str__(self) -> str:
-        return f"{self.threads} threads are {self.ratio:.2g} times as fast as one"
+    >>> times_as_fast(4, 3.6)
+    '4 threads are 3.6 times as fast as one'
+    """
+    return f"{threads} threads are {ratio:.2g} times as fast as one"
 
 
 @dataclass(frozen=True)
@@ -144,7 +141,6 @@ class Examined:
     """mistakes that would have shown, alone or beside the best, and did not"""
     seconds: float
     """of our own, without the program's"""
-    speed_up: SpeedUp | None = None
     """None: one core, or too quick to tell"""
 
     @property
@@ -300,7 +296,6 @@ class _Examination:
         self.search = Search(power_known=True, many=self.many)
         self.trials: list[Trial] = []
         self.facts: dict[str, str] = {}
-        self.speed_up: SpeedUp | None = None
         self.start = time.perf_counter()
         self._expected: dict[tuple[Experiment, Variant, Variant], float] = {}
 
@@ -341,7 +336,6 @@ class _Examination:
             tuple(sorted(undecided)),
             diagnosis.excluded,
             self.own_seconds,
-            self.speed_up,
         )
 
     def may_ask(self, budget: float) -> bool:
@@ -396,10 +390,8 @@ class _Examination:
         if not np.array_equal(one.values, first.values):
             self.facts.update(_race(one.values, first.values))
         several = min(several, seconds)
-        if alone > LONG_ENOUGH and cores() > 1:
-            self.speed_up = SpeedUp(min(self.threads or cores(), cores()), alone / several)
-            if self.pictures is None:
-                self.facts["speed_up"] = str(self.speed_up)
+        if alone > LONG_ENOUGH and self.pictures is None:
+            self.facts["speed_up"] = times_as_fast(cores(), alone / several)
 
     def candidates(self) -> list[tuple[_Stage, Experiment]]:
         """All but the first one, those that cost least first, each with a seed of its own."""
