@@ -487,7 +487,7 @@ def test_a_students_pixel_grid_is_no_difference(
         write_display(tmp_path / name, np.where(radiance == 0.5, 0.5, light * radiance))
         comparison = compare_files(tmp_path / name, "exact", scenes / "tp3.json")
         found[name] = by_region(comparison.rows)
-        assert f"penumbra check {tmp_path / name} --scene {scenes}" in comparison.notes[1]
+        assert f"penumbra check {tmp_path / name} --scene scenes/tp3.json" in comparison.notes[1]
     assert not [row for row in found["right.png"].values() if row["verdict"] == "differs"]
     assert found["wrong.png"]["floor:lit"]["verdict"] == "differs"
 

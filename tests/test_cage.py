@@ -456,11 +456,12 @@ def test_files_without_a_name_fill_no_disk(hidden: str, attack: Attack) -> None:
         f"""
         {hidden}
         held = []
-        while True:
+        while len(held) < 200:  # of the 256 that it may have open
             held.append(open(out, "wb"))
             os.unlink(out)
             held[-1].write(bytes(1 << 20))
             held[-1].flush()
+        time.sleep(60)
         """
     )
     assert fault(found) == "disk_limit"
