@@ -285,9 +285,14 @@ def _other_lights(first: Checked, others: Sequence[tuple[str, Checked]]) -> Stat
             said = _sentence(f"{scene}: {' and '.join(title(n) for n in guilty or new)}")
             seen = f"{scene}: it is not as it should be."
             return State(REFUTED, (seen, seen, said, said))
-    shown = [scene for scene, checked in every if _shows_other_lights(checked)]
+    shown = [
+        view.scene.name
+        for _, checked in every if _shows_other_lights(checked)
+        for view in checked.diagnosis.views if _other(view.scene)
+    ]  # fmt: skip
     if shown:
-        return State(SHOWN, (f"It is as it should be: {', '.join(shown)}.",) * HINTS)
+        names = ", ".join(dict.fromkeys(shown))
+        return State(SHOWN, (f"It is as it should be: {names}.",) * HINTS)
     if failed := _failed_on_others(first):
         seen = "It fails on a scene of several lights."
         return State(REFUTED, (seen, seen, failed, failed))
@@ -343,4 +348,9 @@ def _allowed(region: Region, least: float) -> float:
 
 
 def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:].rstrip(".") + "."
+    """
+    >>> _sentence("it ends early"), _sentence("nbLightSamples has no effect")
+    ('It ends early.', 'nbLightSamples has no effect.')
+    """
+    named = text.split(" ")[0] != text.split(" ")[0].lower()  # as in the code
+    return (text if named else text[:1].upper() + text[1:]).rstrip(".") + "."
