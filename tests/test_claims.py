@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import doctest
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from penumbra.compare.check import program
 from penumbra.compare.check.catalogue import Variant, catalogue
 from penumbra.compare.check.checking import Checked, check
 from penumbra.compare.check.mistaken import render
 from penumbra.compare.check.program import Examined
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG
 from penumbra.compare.run.provenance import ROOT
+from penumbra.grading import claims, grade, gradebook
 from penumbra.grading.claims import (
     CLAIMS,
     HINTS,
@@ -191,3 +195,9 @@ def test_threads_are_refuted_by_a_race_and_never_by_a_slow_machine(right: Checke
     assert "1.1 times" in timed({"threads": 2, "ratio": 1.1}).why[0]
     assert timed({"problem": "the grader's machine has one core"}).state == UNTOLD
     assert right.verdict.verdict == RIGHT_
+
+
+@pytest.mark.parametrize("module", [claims, grade, gradebook, program])
+def test_examples_in_docstrings_hold(module: ModuleType) -> None:
+    tried = doctest.testmod(module)
+    assert tried.attempted > 0 and tried.failed == 0

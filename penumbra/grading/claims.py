@@ -291,8 +291,8 @@ def _other_lights(first: Checked, others: Sequence[tuple[str, Checked]]) -> Stat
         for view in checked.diagnosis.views if _other(view.scene)
     ]  # fmt: skip
     if shown:
-        names = ", ".join(dict.fromkeys(shown))
-        return State(SHOWN, (f"It is as it should be: {names}.",) * HINTS)
+        scenes = ", ".join(dict.fromkeys(shown))
+        return State(SHOWN, (f"It is as it should be: {scenes}.",) * HINTS)
     if failed := _failed_on_others(first):
         seen = "It fails on a scene of several lights."
         return State(REFUTED, (seen, seen, failed, failed))
