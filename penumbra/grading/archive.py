@@ -247,14 +247,12 @@ def _untar(file: Path, sink: _Sink) -> None:
     class Member(tarfile.TarInfo):
         """tarfile reads long names and maps of sparse files as wholes, before anyone is asked."""
 
-        @classmethod
-        def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> Member:
-            found = super().frombuf(buf, encoding, errors)
-            if found.type == tarfile.GNUTYPE_SPARSE:
-                raise sink.fault(f"{found.name!r}: a file with holes: pack it without --sparse")
-            if found.type in LONG_HEADERS and found.size > HEADER:
-                raise sink.fault(f"{found.name!r}: a header of {found.size:,} bytes")
-            return found
+        def _proc_member(self, *rest: Any) -> Any:  # with the block that says its type read
+            if self.type == tarfile.GNUTYPE_SPARSE:
+                raise sink.fault(f"{self.name!r}: a file with holes: pack it without --sparse")
+            if self.type in LONG_HEADERS and self.size > HEADER:
+                raise sink.fault(f"{self.name!r}: a header of {self.size:,} bytes")
+            return super()._proc_member(*rest)  # type: ignore[misc]
 
         def _proc_gnusparse_10(self, *_: object) -> None:
             raise sink.fault(f"{self.name!r}: a file with holes: pack it without --sparse")
