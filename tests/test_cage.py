@@ -35,6 +35,7 @@ from penumbra.grading.fault import SubmissionFault
 from penumbra.grading.kernel import filter_works, landlock_version
 from penumbra.grading.program import raise_fault
 from tests import caged
+from tests.conftest import default_signals
 
 NOBODY = 65534
 SMALL: dict[str, Any] = {
@@ -635,6 +636,7 @@ def test_a_grader_that_ends_takes_its_programs_along(
         stdin=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env={**os.environ, "TMPDIR": str(folder)},
+        preexec_fn=default_signals,
     ) as grader:
         assert grader.stdin
         grader.stdin.write(json.dumps(task).encode())

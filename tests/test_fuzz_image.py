@@ -166,7 +166,8 @@ REFUSED = {
 
 
 COMPARE_EACH = """
-import sys, penumbra
+import sys
+from penumbra.__main__ import main
 for file in sys.argv[2:]:
     print(main(["compare", file, "exact", "--scene", sys.argv[1]]))
 """
