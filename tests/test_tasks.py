@@ -44,6 +44,7 @@ from penumbra.compare.run.tasks import (
 from penumbra.compare.studies.convergence import ConvergenceStudy, Curve, converge
 from penumbra.compare.studies.trade import TradeStudy, trade
 from tests import deeds
+from tests.classroom import broken, pictures
 from tests.conftest import ROOT, default_signals
 
 WITHOUT_EDITABLE = """import sys
@@ -326,6 +327,28 @@ def test_calibration_says_the_same_bytes_on_workers(machines: Machines) -> None:
     there = {s.key: said for s, said in calibration.judged(specimens, None, scheduler)}
     assert len(there) == 1
     assert as_bytes(there) == as_bytes(here)
+
+
+def test_grades_are_the_same_bytes_on_workers(machines: Machines, tmp_path: Path) -> None:
+    """Of pictures, a program that crashes, and a folder with nothing in it."""
+    folder = tmp_path / "class"
+    pictures(folder, 2)
+    broken(folder, ("empty",))
+    (folder / "crash").mkdir()
+    (folder / "crash" / "penumbra.toml").write_text(
+        "[program]\nrun = 'false {scene} {light_samples} {seed} {out}'\n"
+    )
+    written = []
+    for name, options in (
+        ("here", ["--jobs", "1"]),
+        ("there", ["--scheduler", str(machines.file)]),
+    ):
+        assert main(["grade", str(folder), "-o", str(tmp_path / name), *options]) == 0
+        files = sorted(f for f in (tmp_path / name).rglob("*") if f.suffix in (".json", ".html"))
+        written.append([(f.relative_to(tmp_path / name), f.read_bytes()) for f in files])
+    assert written[0] == written[1]
+    graded = json.loads((tmp_path / "there" / "grades.json").read_text())["submissions"]
+    assert [one["status"] for one in graded] == ["failed", "failed", "graded", "graded"]
 
 
 def test_convergence_differs_in_its_seconds_alone_and_costs_nothing_again(
