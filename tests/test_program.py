@@ -110,7 +110,7 @@ def test_a_manifest_says_how_to_build_and_run(submission: Callable[..., Path]) -
         (f"[program]\n{RUN}\nimage_suffix = '.tif'", ":3: image_suffix: must be one of .exr"),
         (f"[program]\n{RUN}\nscenes = ['tp4']", ":3: scenes: 'tp4': known are tp3"),
         (f"[program]\n{RUN}\nscenes = ['check_low']", ":3: scenes: tp3, the lab's own"),
-        (f"[program]\n{RUN}\nscenes = [{'[' * 5000}", "not TOML"),
+        (f"[program]\n{RUN}\nscenes = [{'[' * 5000}", "more than 200 brackets"),
     ],
 )
 def test_an_error_in_a_manifest_names_line_and_key(text: str, said: str, tmp_path: Path) -> None:

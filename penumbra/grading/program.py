@@ -25,8 +25,8 @@ from penumbra.grading.fault import Code, SubmissionFault
 
 MANIFEST = "penumbra.toml"
 EXAMPLE = '[program]\nrun = "./mine {scene} {light_samples} {seed} {out}"'
-LONGEST = 100_000
-"""Of a penumbra.toml [bytes]"""
+LONGEST, MOST_BRACKETS = 100_000, 200
+"""Of a penumbra.toml: bytes, and { and [ together"""
 CANNOT_RUN, NOT_FOUND = 126, 127
 """Exit codes of what starts a program (POSIX's shell, prlimit, the warden)"""
 NO_MEMORY = ("MemoryError", "std::bad_alloc", "Cannot allocate memory", "OutOfMemoryError")
@@ -80,10 +80,12 @@ def read_manifest(folder: Path) -> Manifest:
     try:
         with file.open("rb") as stream:
             text = stream.read(LONGEST).decode()
+        if text.count("[") + text.count("{") > MOST_BRACKETS:  # tomllib calls itself for each
+            raise ManifestError(f"{MANIFEST}: more than {MOST_BRACKETS} brackets: a few will do")
         table = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise ManifestError(f"{MANIFEST}: not UTF-8: save it as such ({error.reason})") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:  # says the line
+    except tomllib.TOMLDecodeError as error:  # says the line
         raise ManifestError(f"{MANIFEST}: not TOML: {error}") from error
     return _manifest(table, text)
 
