@@ -29,6 +29,8 @@ LONGEST, MOST_BRACKETS = 100_000, 200
 """Of a penumbra.toml: bytes, and { and [ together"""
 CANNOT_RUN, NOT_FOUND = 126, 127
 """Exit codes of what starts a program (POSIX's shell, prlimit, the warden)"""
+NO_PROCESS = ("Cannot fork", "fork: retry", "fork: Resource temporarily unavailable")
+"""What shells say when the kernel refuses one more, before all are seen at once"""
 NO_MEMORY = ("MemoryError", "std::bad_alloc", "Cannot allocate memory", "OutOfMemoryError")
 """What Python, C++, C and Java print where the kernel refuses what is absurd, on this machine"""
 ADVICE = {
@@ -277,6 +279,8 @@ def raise_fault(ended: Ended, what: str, limits: Limits) -> None:
         code = "forbidden"
     elif ended.code == -signal.SIGXFSZ or (ended.code and ended.full_file):
         code = "file_limit"
+    elif code == "time_limit" and any(said in ended.printed for said in NO_PROCESS):
+        code = "process_limit"
     elif ended.code and any(said in ended.printed for said in NO_MEMORY):
         code = "memory_limit"
     if code:

@@ -166,8 +166,8 @@ def _shared_once(found: dict[int, dict[str, str]]) -> int:
         try:
             with open(f"/proc/{process}/smaps_rollup") as stream:
                 kilobytes = next(int(line.split()[1]) for line in stream if line[:4] == "Pss:")
-        except (OSError, StopIteration):
-            kilobytes = int(status.get("VmRSS", 0))
+        except (OSError, StopIteration):  # it may have ended since
+            kilobytes = int(_status(process).get("VmRSS", 0))
         total += 1024 * (kilobytes + int(status.get("VmPTE", 0)))
     return total
 
