@@ -41,6 +41,11 @@ SUBCOMMANDS = (
 """In the order of the help"""
 
 
+class _Stopped(KeyboardInterrupt):
+    """By a signal. A KeyboardInterrupt itself that comes while a string is run, as where a dataclass
+    is made, is remembered by `python -m`, which then dies of SIGINT in the end."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; its exit code. Errors meant for the user are one sentence on stderr.
 
@@ -53,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def stop(number: int, frame: object) -> None:
         stopped_by.append(number)
-        raise KeyboardInterrupt
+        raise _Stopped
 
     def ignore_signals() -> None:
         if arguments is None:

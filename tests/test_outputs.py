@@ -337,3 +337,23 @@ def test_each_signal_has_its_own_status(folder: Path) -> None:
         assert process.returncode == 128 + sent
         assert error.splitlines()[-1] == "penumbra: stopped"
         assert not list(folder.glob("OUT*"))
+
+
+@pytest.mark.parametrize("sent", SIGNALS)
+def test_a_signal_while_a_string_is_run_has_its_status_too(
+    sent: signal.Signals, tmp_path: Path
+) -> None:
+    """As when a dataclass is made: `python -m` remembers a KeyboardInterrupt of there, and dies of
+    SIGINT, whatever is returned."""
+    (tmp_path / "stopped_there.py").write_text(
+        "import os, sys, penumbra.cli.scene as scene\n"
+        "from penumbra.__main__ import main\n"
+        "import time\n"
+        f"scene.run = lambda _: exec('os.kill(os.getpid(), {sent.value}); time.sleep(9)')\n"
+        "sys.exit(main())\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-m", "stopped_there", "scene", "x"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, preexec_fn=default_signals,
+    )  # fmt: skip
+    assert ran.returncode == 128 + sent and ran.stderr == "penumbra: stopped\n"
