@@ -42,8 +42,8 @@ SUBCOMMANDS = (
 
 
 class _Stopped(KeyboardInterrupt):
-    """By a signal. A KeyboardInterrupt itself that comes while a string is run, as where a dataclass
-    is made, is remembered by `python -m`, which then dies of SIGINT in the end."""
+    """By a signal. A KeyboardInterrupt itself that comes while a string is run, as where a
+    dataclass is made, is remembered by `python -m`, which then dies of SIGINT in the end."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
