@@ -23,7 +23,11 @@ build/setup.run: setup.sh requirements.txt pyproject.toml
 	./setup.sh run
 	@touch $@
 
-build/setup.test: build/setup.run
+build/setup.course: build/setup.run
+	./setup.sh course
+	@touch $@
+
+build/setup.test: build/setup.course
 	./setup.sh test
 	@touch $@
 
@@ -249,6 +253,17 @@ build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/referen
     $(wildcard build/bench/bench.json) docs/calibration.json \
     $(wildcard penumbra/*.py penumbra/cli/*.py penumbra/report/*.py penumbra/report/template/*)
 	$(PENUMBRA) report -o $@
+
+# ---------------------------------------------------------------- the course
+
+WASM := build/wasm/core.wasm build/wasm/mistakes.wasm
+
+## course : the lesson and what a teacher hands out, in French and English: build/course/
+.PHONY: course
+course: build/course/index.html
+
+build/course/index.html: $(WASM) $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark
 

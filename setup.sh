@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Installs what Penumbra needs and this machine lacks: system packages by apt, Python ones in .venv.
 #
-# usage: ./setup.sh [run | test]
-#   run    what the renderer, the comparison and the report need (default)
-#   test   also what the tests drive: a browser, clang with its OpenMP checker, valgrind
+# usage: ./setup.sh [run | course | test]
+#   run     what the renderer, the comparison and the report need (default)
+#   course  also what puts the renderer in a page: clang for WebAssembly
+#   test    also what the tests drive: browsers, clang with its OpenMP checker, valgrind
 # environment:
 #   PENUMBRA_PYTHON   the interpreter that .venv is made with
 # exit: 0 all is there, 2 usage, 3 something is missing and could not be installed
@@ -102,6 +103,16 @@ int main(void) {
 }'
 }
 
+# What links a module for a page: its flags are the Makefile's.
+compiles_for_pages() {
+    clang --target=wasm32-wasi -x c -c - -o "$probes/module.o" <<<'#include <math.h>
+double f(double x) { return sin(x); }' &&
+        wasm-ld --no-entry --export=f "$probes/module.o" -L/usr/lib/wasm32-wasi -lc \
+            "$(clang --print-resource-dir)/lib/wasi/libclang_rt.builtins-wasm32.a" -o "$probes/module.wasm"
+}
+
+has_firefox() { command -v firefox || command -v firefox-esr; }
+
 has_browser() { command -v chromium || command -v chromium-browser || command -v google-chrome; }
 
 probe_system() {
@@ -130,9 +141,15 @@ probe_system() {
         need libsm6 "Cycles" loads libSM.so.6
         need libgl1 "Cycles" loads libGL.so.1
     fi
+    if [ "$level" != run ]; then
+        need clang "compiles the renderer for a page; second compiler" clang --version
+        need lld "links it" wasm-ld --version
+        need wasi-libc "its C library" test -f /usr/lib/wasm32-wasi/libc.a
+        need libclang-rt-dev-wasm32 "what clang needs beside it" compiles_for_pages
+    fi
     if [ "$level" = test ]; then
-        need chromium "tests the report's page" has_browser
-        need clang "second compiler" clang --version
+        need chromium "tests the pages" has_browser
+        need firefox-esr "tests the lesson" has_firefox
         need libclang-rt-dev "clang's thread checker" checks_threads
         need libomp-dev "the same for OpenMP" checks_openmp_threads
         need valgrind "checks memory" valgrind --quiet true
@@ -230,13 +247,13 @@ setup_venv() {
 # ---------------------------------------------------------------- main
 
 case $level in
-run | test) ;;
+run | course | test) ;;
 -h | --help)
     sed -n '2,/^$/s/^# \{0,1\}//p' "$0"
     exit 0
     ;;
 *)
-    say "unknown level '$level'; usage: ./setup.sh [run | test]"
+    say "unknown level '$level'; usage: ./setup.sh [run | course | test]"
     exit 2
     ;;
 esac

@@ -17,6 +17,7 @@ from penumbra.cli import (
     check,
     compare,
     converge,
+    course,
     exact,
     export,
     grade,
@@ -36,7 +37,7 @@ from penumbra.compare.run.provenance import VERSION, how_to_install
 
 SUBCOMMANDS = (
     *(scene, reference, exact, compare, check, grade, export, calibrate, png),
-    *(converge, speedup, trade, profile, stability, self_shadow, report),
+    *(converge, speedup, trade, profile, stability, self_shadow, report, course),
 )
 """In the order of the help"""
 

@@ -119,7 +119,7 @@ def test_apt_is_called_as_root_or_through_sudo(
 def test_an_unknown_level_is_a_usage_error(clone: Path, bare: Path) -> None:
     run = set_up(clone, str(bare), "everything")
     assert run.returncode == 2
-    assert "everything" in run.stderr and "run | test" in run.stderr
+    assert "everything" in run.stderr and "run | course | test" in run.stderr
 
 
 # ---------------------------------------------------------------- .venv

@@ -1,0 +1,1 @@
+"""The lesson and what a teacher hands out. It computes nothing of its own."""
