@@ -1,8 +1,8 @@
 """The language that a person is spoken to in: English, or French by the catalogue in locale/.
 
-Texts stand in the code in English, in `_(...)` where they are said and `N_(...)` where they are only
-listed; locale/fr/LC_MESSAGES/penumbra.po has the French. What a program reads (names, codes, keys of
-JSON) is in no language.
+Texts stand in the code in English, in `_(...)` where they are said and `N_(...)` where they are
+only listed; locale/fr/LC_MESSAGES/penumbra.po has the French. What a program reads (names, codes,
+keys of JSON) is in no language.
 """
 
 from __future__ import annotations
