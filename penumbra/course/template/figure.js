@@ -16,7 +16,7 @@ let ids = 0;
 /* ---- the controls' descriptions: label and shown are functions, since languages change ---- */
 
 /* A slider over values, or from min to max by step; shown(value): what stands beside it. */
-function range(name, label, { values, min, max, step, value, shown = (v) => say("{v:,d}", { v }) }) {
+function range(name, label, { values, min, max, step, value, shown = (v) => number(v, ",d") }) {
   return { kind: "range", name, label, values, min, max, step, value, shown };
 }
 
@@ -69,7 +69,8 @@ class LiveFigure {
     }, { rootMargin: "200px" }).observe(this.figure);
     document.addEventListener("visibilitychange", () => this.#wake());
     new ResizeObserver(() => {
-      if (this.#size() !== this.sizeAtLast) this.invalidate();
+      const sized = this.shown.length > 0 && this.shown.every(({ pane }) => pane?.size);
+      if (!sized && this.#size() !== this.sizeAtLast) this.invalidate();
     }).observe(this.stage);
   }
 
@@ -83,7 +84,8 @@ class LiveFigure {
   set(name, value) {
     this.state[name] = value;
     this.refresh();
-    this.invalidate();
+    if (this.controls.find((control) => control.name === name).renders !== false) this.invalidate();
+    else this.#writeReadouts();
   }
 
   refresh() {
@@ -127,7 +129,7 @@ class LiveFigure {
     this.shown.forEach((shown, i) => {
       Object.assign(shown, { pane: panes[i], frame: frames[i], noise: null, exact: null, index: i });
       if (!panes[i].show) paint(shown.canvas, frames[i]);
-      else if (panes[i].late !== true) paint(shown.canvas, panes[i].show(frames[i], this.#known(panes[i])));
+      else paint(shown.canvas, panes[i].show(frames[i], this.#known(panes[i])));
       if (panes[i].label) shown.title.textContent = panes[i].label();
     });
     this.error.hidden = true;
@@ -334,16 +336,16 @@ class LiveFigure {
 function usualReadouts(state, { frame, noise }) {
   return [
     [say("Noise"), noise === null ? "…" : percent(noise)],
-    [say("Time"), say("{ms:.1f} ms", { ms: frame.milliseconds })],
-    [say("Shadow rays"), say("{rays:,d}", { rays: frame.shadow_rays })],
+    [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
+    [say("Shadow rays"), number(frame.shadow_rays, ",d")],
   ];
 }
 
 /* A share of 1 with two digits that mean something. */
 function percent(share) {
-  return share >= 0.0995 ? say("{share:.0%}", { share }) : share >= 0.00995 ? say("{share:.1%}", { share })
-    : share >= 0.0000995 ? say("{share:.2%}", { share }) : share === 0 ? say("{share:.0%}", { share })
-    : say("{share:.1e}", { share });
+  return share >= 0.0995 ? number(share, ".0%") : share >= 0.00995 ? number(share, ".1%")
+    : share >= 0.0000995 ? number(share, ".2%") : share === 0 ? number(share, ".0%")
+    : number(share, ".1e");
 }
 
 function element(name, attributes) {
@@ -381,7 +383,7 @@ class LogPlot {
     for (let power = this.x[0]; power <= this.x[1]; power++) {
       const [x] = this.at(10 ** power, 1);
       grid.append(drawn("line", { x1: x, x2: x, y1: top, y2: height - bottom }));
-      grid.append(drawn("text", { x, y: height - bottom + 18, class: "middle" }, say("{v:,g}", { v: 10 ** power })));
+      grid.append(drawn("text", { x, y: height - bottom + 18, class: "middle" }, number(10 ** power, ",g")));
     }
     for (let power = this.y[0]; power <= this.y[1]; power++) {
       const [, y] = this.at(1, 10 ** power);
@@ -410,8 +412,8 @@ class LogPlot {
 }
 
 function share(value) {
-  return value >= 0.0099 ? say("{value:.0%}", { value }) : value >= 0.00099 ? say("{value:.1%}", { value })
-    : say("{value:.2%}", { value });
+  return value >= 0.0099 ? number(value, ".0%") : value >= 0.00099 ? number(value, ".1%")
+    : number(value, ".2%");
 }
 
 /* Another shape for each series: colour is not the only sign. */

@@ -1,5 +1,5 @@
 /* The lesson's figures: one for each step, each with the one control that shows its idea. */
-
+{
 const LESSON = JSON.parse(document.getElementById("lesson-data").textContent);
 const FLOOR = -2, MIDDLE = 3; // [m] the floor's height; z of the sphere's and the light's middle
 const ABOVE = 12; // [m] the light over the floor
@@ -7,7 +7,7 @@ const FLUX = 160; // radiance times area of every light: the lab's 40 times 4 m^
 const POWERS = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024];
 
 const scene_like = (name) => structuredClone(LESSON.scenes[name]);
-const metres = (v) => say("{v:.2f} m", { v });
+const metres = (v) => unit(v, ".2f", "m");
 const shadow_rays = (value, most = 1024) =>
   range("n", () => say("Shadow rays N"), { values: POWERS.filter((n) => n <= most), value });
 
@@ -43,8 +43,8 @@ function under(scene, light) {
 
 /* What adds the light in the lab's framework, as penumbra scene --as cpp writes it. */
 function cpp_light(scene) {
-  const number = (x) => (Number.isInteger(x) ? `${x}.f` : `${Number(x.toPrecision(9))}f`).replace(/^-0\.f/, "0.f");
-  const vector = (v) => `Vec3f( ${v.map(number).join(", ")} )`;
+  const literal = (x) => (Number.isInteger(x) ? `${x}.f` : `${Number(x.toPrecision(9))}f`).replace(/^-0\.f/, "0.f");
+  const vector = (v) => `Vec3f( ${v.map(literal).join(", ")} )`;
   const kinds = {
     point_lights: ["PointLight", ["position"]],
     quad_lights: ["QuadLight", ["position", "u", "v"]],
@@ -58,8 +58,8 @@ function cpp_light(scene) {
   for (const [kind, [name, keys, comment]] of Object.entries(kinds)) {
     if (!scene[kind]) continue;
     const light = scene[kind][0];
-    const given = keys.map((key) => Array.isArray(light[key]) ? vector(light[key]) : number(light[key]));
-    const line = `_addLight( new ${name}( ${given.join(", ")}, WHITE, ${number(light.power)} ) );`;
+    const given = keys.map((key) => Array.isArray(light[key]) ? vector(light[key]) : literal(light[key]));
+    const line = `_addLight( new ${name}( ${given.join(", ")}, WHITE, ${literal(light.power)} ) );`;
     return comment ? [comment, line] : [line];
   }
   throw new Error("a scene without light");
@@ -115,7 +115,7 @@ async function floor_of(figure, pane) {
 }
 
 const ZONES = {
-  umbra: (q) => q >= 0 && q < 1e-5,
+  umbra: (q) => q === 0,
   penumbra: (q) => q > 1e-3 && q < 0.999,
   lit: (q) => q > 0.99999,
 };
@@ -151,7 +151,7 @@ const STEPS = {
     return {
       controls: [
         range("side", () => say("Side of the light"), { min: 0, max: 8, step: 0.1, value: 2,
-          shown: (v) => v > 0 ? say("{v:.1f} m", { v }) : say("0 m: a point") }),
+          shown: (v) => v > 0 ? unit(v, ".1f", "m") : say("0 m: a point") }),
         range("above", () => say("Height over the floor"), { min: 5, max: 20, step: 0.25, value: ABOVE, shown: metres }),
       ],
       panes: (state) => [{ scene: scene(state), settings: { estimator: "exact" }, reference: null }],
@@ -161,7 +161,7 @@ const STEPS = {
           [say("Umbra ends at"), umbra > 0 ? metres(umbra) : say("there is none")],
           [say("Penumbra ends at"), metres(penumbra)],
           [say("Penumbra’s width"), metres(penumbra - umbra)],
-          [say("Time"), say("{ms:.1f} ms", { ms: frame.milliseconds })],
+          [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
         ];
       },
       cpp: (state) => cpp_light(scene(state)),
@@ -184,7 +184,7 @@ const STEPS = {
       aside: sketch.element,
       controls: [
         range("x", () => say("Place of x on the floor"), { min: -3, max: 3, step: 0.05, value: 1.2, shown: metres }),
-        range("s", () => say("Random number s"), { min: 0, max: 1, step: 0.01, value: 0.8, shown: (v) => say("{v:.2f}", { v }) }),
+        range("s", () => say("Random number s"), { min: 0, max: 1, step: 0.01, value: 0.8, shown: (v) => number(v, ".2f") }),
         choice("mode", () => say("In the picture"), [
           ["one", () => say("all pixels use this s")], ["each", () => say("each draws its own")]]),
         button(() => say("Draw s"), (figure) => figure.set("s", Math.round(100 * Math.random()) / 100)),
@@ -201,7 +201,7 @@ const STEPS = {
     panes: ({ n }, figure) => [{ scene: scene_like("close"), settings: { nb_light_samples: n, seed: figure.seed || 0 } }],
     readouts: (state, shown) => [
       ...usualReadouts(state, shown),
-      [say("Mean of the picture"), say("{mean:.3f}", { mean: mean_of(shown.frame) })],
+      [say("Mean of the picture"), number(mean_of(shown.frame), ".3f")],
     ],
     again: (figure) => { figure.seed = 0; },
   }),
@@ -226,7 +226,7 @@ const STEPS = {
         [say("Noise in the umbra"), noise_in("umbra")],
         [say("in the penumbra"), noise_in("penumbra")],
         [say("in the light"), noise_in("lit")],
-        [say("Time"), say("{ms:.1f} ms", { ms: frame.milliseconds })],
+        [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
       ];
     },
   }),
@@ -259,8 +259,8 @@ const STEPS = {
       },
       readouts: (state, { frame, noise, zone }) => [
         [say("Noise in the penumbra"), noise === null || zone === undefined ? "…" : percent(zone)],
-        [say("Time"), say("{ms:.1f} ms", { ms: frame.milliseconds })],
-        [say("Shadow rays"), say("{rays:,d}", { rays: frame.shadow_rays })],
+        [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
+        [say("Shadow rays"), number(frame.shadow_rays, ",d")],
       ],
     };
   },
@@ -271,12 +271,12 @@ const STEPS = {
     const distances = [0, ...Array.from({ length: 9 }, (_, i) => 10 ** i)];
     const sizes = Array.from({ length: 13 }, (_, i) => i - 6);
     const settings = ({ method }) => (method === "exact" ? { estimator: "exact" }
-      : { sampler: "sobol", nb_light_samples: 64 });
+      : { estimator: "area", sampler: "sobol", nb_light_samples: 64 });
     return {
       controls: [
-        range("far", () => say("Moved along x by"), { values: distances, value: 0, shown: (v) => say("{v:,d} m", { v }) }),
+        range("far", () => say("Moved along x by"), { values: distances, value: 0, shown: (v) => unit(v, ",d", "m") }),
         range("power", () => say("Scaled by"), { values: sizes, value: 0,
-          shown: (v) => (v === 0 ? say("1") : say("10^{v}", { v }).replace("-", "−")) }),
+          shown: (v) => (v === 0 ? "1" : `10${superscript(v)}`) }),
         choice("method", () => say("Estimate"), [
           ["area", () => say("64 shadow rays")], ["exact", () => say("closed form")]]),
         choice("view", () => say("Show"), [["picture", () => say("picture")], ["error", () => say("error × 4")]]),
@@ -288,9 +288,9 @@ const STEPS = {
       }],
       readouts: ({ far, power }, { frame, noise }) => [
         [say("Error by rounding"), noise === null ? "…" : percent(noise)],
-        [say("Scene’s size"), say("{v:g} m", { v: 10 * 10 ** power })],
-        [say("Between neighbouring floats"), say("{v:.2g} m", { v: spacing(far + 10 ** power) })],
-        [say("Time"), say("{ms:.1f} ms", { ms: frame.milliseconds })],
+        [say("Scene’s size"), unit(10 * 10 ** power, "g", "m")],
+        [say("Between neighbouring floats"), unit(spacing(far + 10 ** power), ".2g", "m")],
+        [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
       ],
     };
   },
@@ -319,6 +319,10 @@ function new_numbers() {
     figure.seed = (figure.seed || 0) + 1;
     figure.invalidate();
   });
+}
+
+function superscript(integer) {
+  return String(integer).replace(/[-0-9]/g, (c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c]));
 }
 
 function mean_of({ radiance }) {
@@ -359,16 +363,16 @@ function sample_of({ x, s }) {
 
 function sample_steps(state) {
   const { y, d, direction, cosine, pdf, arriving, free, radiance } = sample_of(state);
-  const vector = (v) => `(${v.map((c) => say("{c:.2f}", { c }).replace("-", "−")).join(language() === "fr" ? " ; " : ", ")})`;
+  const vector = (v) => `(${v.map((c) => number(c, ".2f").replace("-", "−")).join(language() === "fr" ? " ; " : ", ")})`;
   return [
     { term: say("(a) position y"), value: vector(y) },
     { term: say("(b) direction"), value: vector(direction) },
     { term: say("(b) distance d"), value: metres(d) },
-    { term: say("cos θ, at both ends"), value: say("{v:.3f}", { v: cosine }) },
-    { term: say("(c) _pdf"), value: say("{v:.2f}", { v: pdf }) },
-    { term: say("(d) _radiance"), value: say("{v:.3f}", { v: arriving }) },
+    { term: say("cos θ, at both ends"), value: number(cosine, ".3f") },
+    { term: say("(c) _pdf"), value: number(pdf, ".2f") },
+    { term: say("(d) _radiance"), value: number(arriving, ".3f") },
     { term: say("the ray is"), value: free ? say("free: V = 1") : say("hidden: V = 0") },
-    { term: say("L, red"), value: say("{v:.3f}", { v: radiance }) },
+    { term: say("L, red"), value: number(radiance, ".3f") },
   ];
 }
 
@@ -426,88 +430,177 @@ function entry(x, direction) {
 
 /* Frames of independent numbers, averaged; the error of their mean against how many samples it has. */
 class Accumulation {
+  static MOST = 4096;
+  static PACE = 140; // [ms] between two points, so that one sees the plot grow
+  static SIZE = [300, 200];
+  static PILOTS = 4; // frames of N = 256 of which the law's sigma is estimated
+
   constructor() {
-    this.MOST = 4096;
-    this.PACE = 140; // [ms] between two points, so that one sees the plot grow
+    this.seed = 1;
     this.element = element("div", { class: "aside plot" });
     this.svg = drawn("svg", { role: "img", class: "chart" });
     this.element.append(this.svg);
-    this.plot = new LogPlot(this.svg, { x: [0, 4], y: [-4, 0],
+    this.plot = new LogPlot(this.svg, { x: [0, 4], y: [-3, 0],
       xLabel: () => say("Shadow rays N"), yLabel: () => say("relative error") });
     this.restart();
   }
 
   restart() {
-    Object.assign(this, { total: 0, sum: null, points: { picture: [], pixel: [] }, playing: false });
     clearTimeout(this.timer);
+    Object.assign(this, { total: 0, mean: null, playing: false, points: { picture: [], pixel: [] } });
   }
 
   description() {
     return {
       aside: this.element,
       controls: [
-        choice("over", () => say("Error of"), [
-          ["picture", () => say("the whole picture")], ["pixel", () => say("one pixel")]]),
+        { ...choice("over", () => say("Error of"), [
+          ["picture", () => say("the whole picture")], ["pixel", () => say("one pixel")]]), renders: false },
         button(() => this.label(), (figure) => this.press(figure)),
         button(() => say("Start again"), (figure) => {
-          this.seed = (this.seed || 1) + 1000;
+          this.seed += 2 * Accumulation.MOST;
           this.restart();
+          figure.refresh();
           figure.invalidate();
         }),
       ],
-      panes: () => [{
-        scene: scene_like("close"), size: [300, 200], reference: null,
-        settings: { nb_light_samples: this.next(), seed: (this.seed || 1) + this.total },
-        show: (frame) => this.add(frame),
-      }],
-      rested: async (figure) => {
-        if (!this.law) await this.expect(figure);
+      panes: () => {
+        // Points lie evenly on the logarithmic axis.
+        const n = Math.max(1, Math.min(Math.floor(this.total / 2), Accumulation.MOST - this.total));
+        return [{
+          ...this.pane(), settings: { nb_light_samples: n, seed: this.seed + this.total },
+          show: (frame) => this.shown(frame, n),
+        }];
       },
-      changed: (state) => this.draw(state),
+      rested: async (figure) => {
+        await this.expect(figure);
+        figure.refresh();
+      },
+      changed: ({ over }) => this.draw(over),
       marked: ({ over }) => over === "pixel" && this.law
-        ? [(this.law.at % 300 + 0.5) / 300, (Math.floor(this.law.at / 300) + 0.5) / 200] : null,
+        ? [this.law.pixel.at % 300, Math.floor(this.law.pixel.at / 300)].map(
+          (v, i) => (v + 0.5) / Accumulation.SIZE[i]) : null,
       readouts: ({ over }) => {
         const points = this.points[over], last = points.at(-1);
         return [
-          [say("Shadow rays N"), say("{n:,d}", { n: this.total })],
+          [say("Shadow rays N"), number(this.total, ",d")],
           [say("Error"), last ? percent(last[1]) : "…"],
-          [say("Slope, fitted"), points.length > 4 ? say("{slope:.2f}", { slope: slope_of(points) }).replace("-", "−") : "…"],
+          [say("Slope, fitted"), points.length > 4 ? number(slope_of(points), ".2f").replace("-", "−") : "…"],
         ];
       },
       again: () => {
         this.seed = 1;
         this.restart();
       },
+      described: () => say("The mean of all frames so far"),
     };
   }
 
-  label() {
-    if (REDUCED_MOTION.matches) return say("Half as many again");
-    return this.playing ? say("Pause") : this.total >= this.MOST ? say("All are there") : say("Accumulate");
+  pane() {
+    return { scene: scene_like("close"), size: Accumulation.SIZE, reference: null };
   }
 
-  press(figure) {
-    this.figure = figure;
-    if (REDUCED_MOTION.matches) {
-      if (this.total < this.MOST) figure.invalidate();
-      return;
-    }
-    this.playing = !this.playing && this.total < this.MOST;
-    if (this.playing) figure.invalidate();
+  label() {
+    if (this.total >= Accumulation.MOST) return say("All are there");
+    if (REDUCED_MOTION.matches) return say("Half as many again");
+    return this.playing ? say("Pause") : say("Accumulate");
+  }
+
+  async press(figure) {
+    if (this.total >= Accumulation.MOST) return;
+    await this.expect(figure);
+    clearTimeout(this.timer);
+    if (!REDUCED_MOTION.matches) this.playing = !this.playing;
+    if (this.playing || REDUCED_MOTION.matches) figure.invalidate();
     figure.refresh();
   }
 
-  /* Samples of the next frame: points lie evenly on the logarithmic axis. */
-  next() {
-    return Math.max(1, Math.min(Math.floor(this.total / 2), this.MOST - this.total));
+  /* The mean, this frame of n samples in it; painted twice, a frame counts once. */
+  shown(frame, n) {
+    if (frame === this.last) return this.mean;
+    this.last = frame;
+    const before = this.total, now = this.total += n;
+    const radiance = frame.radiance.map(
+      (value, i) => (before * (this.mean?.radiance[i] ?? 0) + n * value) / now);
+    this.mean = { ...frame, radiance };
+    this.measure();
+    return this.mean;
+  }
+
+  measure() {
+    if (!this.law) return;
+    const { exact, pixel } = this.law;
+    this.points.picture.push([this.total, relativeError(this.mean, exact)]);
+    this.points.pixel.push([this.total, Math.abs(this.mean.radiance[pixel.at] - exact.radiance[pixel.at]) * pixel.weight]);
+    if (this.total >= Accumulation.MOST) this.playing = false;
+    if (this.playing) this.timer = setTimeout(() => this.figure.invalidate(), Accumulation.PACE);
+    this.figure.refresh();
+  }
+
+  /* What is to be expected: for the picture and for one pixel the error sigma / sqrt(N), and the
+     degrees of freedom of its square (Satterthwaite's), of which the band follows. */
+  async expect(figure) {
+    if (this.law) return;
+    this.figure = figure;
+    const pane = { ...this.pane(), reference: undefined }, N = 256;
+    const exact = await figure.exact(pane), open = await figure.exact({ ...pane, scene: { ...pane.scene, spheres: [] } });
+    const squares = new Float64Array(exact.radiance.length);
+    for (let k = 0; k < Accumulation.PILOTS; k++) {
+      const [width, height] = Accumulation.SIZE;
+      const frame = await figure.core.render(pane.scene, { width, height, nb_light_samples: N, seed: 1e9 + k });
+      frame.radiance.forEach((value, i) => {
+        squares[i] += (N / Accumulation.PILOTS) * (value - exact.radiance[i]) ** 2;
+      });
+    }
+    if (this.law) return;
+    // As relativeError weighs them; a variance from four squares overstates its own square by 1 + 2/4.
+    let sum = 0, sumOfSquares = 0, count = 0, at = 0, nearest = 1;
+    const pixels = exact.width * exact.height;
+    squares.forEach((variance, i) => {
+      const right = exact.radiance[i];
+      if (right <= 0) return;
+      count++;
+      sum += variance / (right ** 2 + 0.01);
+      sumOfSquares += (variance / (right ** 2 + 0.01)) ** 2 / (1 + 2 / Accumulation.PILOTS);
+      const half = i < pixels ? Math.abs(right / open.radiance[i] - 0.5) : 1;
+      if (half < nearest) [at, nearest] = [i, half];
+    });
+    // The pixel that sees just half of the light: q (1 - q) = 1/4.
+    const weight = 1 / Math.sqrt(exact.radiance[at] ** 2 + 0.01);
+    this.law = {
+      exact,
+      picture: { sigma: Math.sqrt(sum / count), freedom: sum ** 2 / sumOfSquares },
+      pixel: { sigma: 0.5 * open.radiance[at] * weight, freedom: 1, at, weight },
+    };
+    this.measure();
+  }
+
+  draw(over) {
+    const points = this.points[over], series = [];
+    if (this.law) {
+      const { sigma, freedom } = this.law[over], [low, high] = band(freedom), ends = [1, 10000];
+      series.push(
+        { kind: "area", name: "band", points: [...ends.map((n) => [n, (high * sigma) / Math.sqrt(n)]),
+          ...ends.reverse().map((n) => [n, (low * sigma) / Math.sqrt(n)])] },
+        { kind: "line", name: "law", points: [1, 10000].map((n) => [n, sigma / Math.sqrt(n)]) });
+    }
+    series.push({ kind: "line", name: "s0", points }, { kind: "marks", name: "s0", points, mark: 0 });
+    this.plot.draw(series);
+    const last = points.at(-1);
+    this.svg.setAttribute("aria-label", last
+      ? say("A plot of the error against N, on logarithmic axes: {count} points beside a line of slope −1/2. At N = {n:,d} the error is {error}.",
+        { count: points.length, n: last[0], error: percent(last[1]) })
+      : say("A plot of the error against N, on logarithmic axes: still empty."));
   }
 }
 
-Object.assign(Accumulation.prototype, {
-  add(frame) {
-    return frame;
-  },
-});
+/* Where the root of chi-squared over its degrees of freedom is in 95 of 100 cases: Wilson and
+   Hilferty's cube root, and for one degree, where that is poor, the normal's own quantiles. */
+function band(freedom) {
+  if (freedom < 2) return [0.0313, 2.2414];
+  const root = (z) => (1 - 2 / (9 * freedom) + z * Math.sqrt(2 / (9 * freedom))) ** 1.5;
+  return [root(-1.96), root(1.96)];
+}
 
 function slope_of(points) {
   const logs = points.filter(([, error]) => error > 0).map(([n, error]) => [Math.log(n), Math.log(error)]);
@@ -515,7 +608,169 @@ function slope_of(points) {
   return logs.reduce((sum, p) => sum + (p[0] - x) * (p[1] - y), 0) / logs.reduce((sum, p) => sum + (p[0] - x) ** 2, 0);
 }
 
+/* ---- what a millisecond buys ---- */
+
+const METHODS = {
+  independent: { label: () => say("independent"), settings: {} },
+  stratified: { label: () => say("stratified"), settings: { sampler: "stratified" } },
+  sobol: { label: () => say("Sobol"), settings: { sampler: "sobol" } },
+  directions: { label: () => say("Sobol, by solid angle"), settings: { sampler: "sobol", estimator: "solid-angle" } },
+  exact: { label: () => say("exact"), settings: { estimator: "exact" } },
+};
+
+/* Error against time of each method on this machine. */
+class Trade {
+  static COUNTS = [1, 4, 16, 64, 256];
+  static TIMES = 3; // frames, of which the median time counts
+
+  constructor() {
+    this.points = {};
+    this.element = element("div", { class: "aside plot" });
+    this.svg = drawn("svg", { role: "img", class: "chart" });
+    this.legend = element("ul", { class: "legend" });
+    this.said = element("p", { class: "said", role: "status" });
+    this.table = element("div", { class: "measured" });
+    this.element.append(this.svg, this.legend, this.said, this.table);
+    this.plot = new LogPlot(this.svg, { x: [-1, 3], y: [-4, 0],
+      xLabel: () => say("time of a frame [ms]"), yLabel: () => say("relative error") });
+  }
+
+  description() {
+    const options = Object.entries(METHODS).map(([name, { label }]) => [name, label]);
+    return {
+      aside: this.element,
+      controls: [
+        choice("method", () => say("Method"), options, "independent"),
+        shadow_rays(16, 256),
+        button(() => (this.running ? say("Stop") : say("Measure on this machine")), (figure) => this.press(figure)),
+      ],
+      panes: ({ method, n }) => [{ scene: scene_like("close"), settings: { nb_light_samples: n, ...METHODS[method].settings } }],
+      changed: (state) => this.draw(state),
+      again: () => {
+        this.running = false;
+        this.points = {};
+      },
+    };
+  }
+
+  async press(figure) {
+    this.running = !this.running;
+    figure.refresh();
+    if (!this.running) return;
+    this.points = {};
+    const pane = { scene: scene_like("close"), settings: {} }, exact = await figure.exact(pane);
+    for (const [name, { settings }] of Object.entries(METHODS)) {
+      this.points[name] = [];
+      for (const n of name === "exact" ? [1] : Trade.COUNTS) {
+        const asked = { width: exact.width, height: exact.height, nb_light_samples: n, ...settings };
+        const frames = [];
+        for (let k = 0; k <= Trade.TIMES && this.running; k++) {
+          frames.push(await figure.core.render(pane.scene, { ...asked, seed: k }));
+        }
+        if (!this.running) break;
+        const times = frames.slice(1).map((frame) => frame.milliseconds).sort((a, b) => a - b);
+        const errors = frames.map((frame) => relativeError(frame, exact) ** 2);
+        const error = Math.sqrt(errors.reduce((sum, e) => sum + e, 0) / errors.length);
+        // Timers of browsers are coarse: what they call no time took less than a tenth of a millisecond.
+        this.points[name].push({ n, ms: Math.max(0.1, times[Math.floor(times.length / 2)]), error });
+        figure.refresh();
+      }
+    }
+    this.running = false;
+    figure.refresh();
+    figure.figure.dataset.measured = "yes";
+  }
+
+  draw() {
+    const names = Object.keys(METHODS).filter((name) => this.points[name]?.length);
+    this.plot.draw(names.flatMap((name) => {
+      const index = Object.keys(METHODS).indexOf(name);
+      const points = this.points[name].map(({ ms, error }) => [ms, error]);
+      if (name === "exact") {
+        const [[ms]] = points;
+        return [{ kind: "line", name: `s${index}`, points: [[ms, 1], [ms, 1e-4]] }];
+      }
+      return [{ kind: "line", name: `s${index}`, points }, { kind: "marks", name: `s${index}`, mark: index, points }];
+    }));
+    this.legend.replaceChildren(...names.map((name) => this.entry(name)));
+    this.svg.setAttribute("aria-label", names.length
+      ? say("A plot of the error against the time of a frame, on logarithmic axes. The table below it holds its numbers.")
+      : say("A plot of the error against the time of a frame: still empty. The button measures it."));
+    this.said.textContent = this.verdict();
+    this.writeTable(names);
+  }
+
+  entry(name) {
+    const index = Object.keys(METHODS).indexOf(name), item = element("li", {});
+    const mark = drawn("svg", { viewBox: "-8 -8 16 16", "aria-hidden": "true", class: "key" });
+    mark.append(name === "exact" ? drawn("path", { d: "M0 -8V8", class: `line s${index}` })
+      : drawn("path", { d: MARKS[index], class: `mark s${index}` }));
+    item.append(mark, METHODS[name].label());
+    return item;
+  }
+
+  verdict() {
+    const all = Object.entries(this.points).flatMap(([name, points]) => points.map((point) => ({ name, ...point })));
+    if (this.running || !all.length) return "";
+    const called = ({ name, n }) => (name === "exact" ? METHODS[name].label() : say("{method}, N = {n}", { method: METHODS[name].label(), n }));
+    const least = (list, key) => list.reduce((best, point) => (best && best[key] <= point[key] ? best : point), null);
+    const within = least(all.filter(({ ms }) => ms <= 5), "error"), reaching = least(all.filter(({ error }) => error <= 1e-3), "ms");
+    return [
+      within && say("In 5 ms on this machine: {method}, with an error of {error}.",
+        { method: called(within), error: within.name === "exact" ? "0" : percent(within.error) }),
+      reaching && say("For an error of 1 in 1000: {method}, in {ms:.1f} ms.", { method: called(reaching), ms: reaching.ms }),
+    ].filter(Boolean).join(" ");
+  }
+
+  writeTable(names) {
+    if (!names.length) return this.table.replaceChildren();
+    const open = this.table.querySelector("details")?.open;
+    const details = element("details", open ? { open: "" } : {}), summary = element("summary", {});
+    const table = element("table", {}), head = element("tr", {}), body = element("tbody", {});
+    summary.textContent = say("As a table");
+    for (const text of [say("Method"), "N", say("Time"), say("Error")]) {
+      const cell = element("th", { scope: "col" });
+      cell.textContent = text;
+      head.append(cell);
+    }
+    for (const name of names) {
+      for (const { n, ms, error } of this.points[name]) {
+        const row = element("tr", {}), first = element("th", { scope: "row" });
+        first.textContent = METHODS[name].label();
+        row.append(first, ...[name === "exact" ? "–" : String(n), unit(ms, ".1f", "ms"),
+          name === "exact" ? "0" : percent(error)].map((text) => {
+          const cell = element("td", {});
+          cell.textContent = text;
+          return cell;
+        }));
+        body.append(row);
+      }
+    }
+    const top = element("thead", {});
+    top.append(head);
+    table.append(top, body);
+    details.append(summary, table);
+    this.table.replaceChildren(details);
+  }
+}
+
 for (const [anchor, step] of Object.entries(STEPS)) {
-  const figure = document.getElementById(`figure-${anchor}`);
-  if (figure) new LiveFigure(figure, step());
+  new LiveFigure(document.getElementById(`figure-${anchor}`), step());
+}
+
+for (const code of document.querySelectorAll(".cpp code")) {
+  const copy = element("button", { type: "button" });
+  spoken(copy, () => say("Copy"));
+  copy.addEventListener("click", async () => {
+    try {
+      await navigator.clipboard.writeText(code.textContent);
+      copy.textContent = say("Copied");
+    } catch { // not from where the page is: then it is selected, for Ctrl+C
+      getSelection().selectAllChildren(code);
+      copy.textContent = say("Selected: press Ctrl+C");
+    }
+    setTimeout(() => { copy.textContent = say("Copy"); }, 2500);
+  });
+  code.closest("details").append(copy);
+}
 }
