@@ -312,7 +312,7 @@ class LiveFigure {
       });
       if (shown.pane.label) shown.title.textContent = shown.pane.label();
     }
-    if (this.marked) this.#mark();
+    if (this.marked && this.shown.length > 0) this.#mark();
   }
 
   /* A ring at marked(state): [x, y] as shares of the picture, or null. */
