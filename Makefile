@@ -267,10 +267,10 @@ WASM := build/wasm/core.wasm build/wasm/mistakes.wasm
 WASM_CC := clang --target=wasm32-wasi -msimd128 -mbulk-memory -mnontrapping-fptoint -msign-ext -std=c99 -O2 \
     -fopenmp-simd -fno-math-errno -ffp-contract=off '-Dsimdlen(any)=simdlen(4)' -Wall -Wextra -Wno-pass-failed \
     -Wno-unknown-pragmas -Ic_renderer/src -Ic_renderer/wasm
-# What clang needs beside the C library stands where its version likes.
+# What clang needs beside the C library stands where its version likes: set-up asks the same way.
 WASM_LD = wasm-ld --no-entry --stack-first -z stack-size=1048576 --strip-all --export=malloc --export=free \
     $^ -L/usr/lib/wasm32-wasi -lc \
-    $$(find "$$(clang --print-resource-dir)/lib/" -path '*wasm32*' -name 'libclang_rt.builtins*.a')
+    $$(find "$$(clang --print-resource-dir)/lib/" -path '*wasm32*' -name 'libclang_rt.builtins*.a' -print -quit)
 
 # Module $(1), of the sources $(2) in c_renderer/, with flags $(3).
 define wasm_build
