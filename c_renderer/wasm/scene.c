@@ -88,18 +88,16 @@ static Refusal add_light(Light light)
 }
 
 /* A quad, or the triangle that is half of it. */
-static Refusal add_flat_light(LightType type, Vec3d corner, Vec3d u, Vec3d v, Rgb radiance)
+static Refusal add_flat_light(LightType type, double share, Vec3d corner, Vec3d u, Vec3d v,
+                              Rgb radiance)
 {
     const Vec3d normal = vec3d_cross(u, v);
     const double quad_area = vec3d_length(normal);
     if (!(quad_area > MIN_LENGTH * vec3d_length(u) * vec3d_length(v)))
         return "u and v span no area";
-    const FlatLight flat = {to_vec3(corner),
-                            to_vec3(u),
-                            to_vec3(v),
-                            to_vec3(divided(normal, quad_area)),
-                            (real)(type == LIGHT_TRIANGLE ? 0.5 * quad_area : quad_area),
-                            radiance};
+    const FlatLight flat = {
+        to_vec3(corner),           to_vec3(u), to_vec3(v), to_vec3(divided(normal, quad_area)),
+        (real)(share * quad_area), radiance};
     return add_light((Light){type, {.quad = flat}});
 }
 
@@ -111,13 +109,14 @@ Refusal FOR_PAGE(scene_point_light)(TRIPLE(position), TRIPLE(color), double powe
 Refusal FOR_PAGE(scene_quad_light)(TRIPLE(position), TRIPLE(u), TRIPLE(v), TRIPLE(color),
                                    double power)
 {
-    return add_flat_light(LIGHT_QUAD, VEC3D(position), VEC3D(u), VEC3D(v), TIMES(color, power));
+    return add_flat_light(LIGHT_QUAD, 1, VEC3D(position), VEC3D(u), VEC3D(v), TIMES(color, power));
 }
 
 Refusal FOR_PAGE(scene_triangle_light)(TRIPLE(position), TRIPLE(u), TRIPLE(v), TRIPLE(color),
                                        double power)
 {
-    return add_flat_light(LIGHT_TRIANGLE, VEC3D(position), VEC3D(u), VEC3D(v), TIMES(color, power));
+    return add_flat_light(LIGHT_TRIANGLE, 0.5, VEC3D(position), VEC3D(u), VEC3D(v),
+                          TIMES(color, power));
 }
 
 Refusal FOR_PAGE(scene_disk_light)(TRIPLE(center), TRIPLE(normal), double radius, TRIPLE(color),
