@@ -285,7 +285,7 @@ build/wasm/$(1).wasm: $(2:%=build/wasm/obj-$(1)/%.o)
 endef
 $(eval $(call wasm_build,core,$(addprefix src/,$(filter-out io/% frame/trust,$(C_NAMES))) wasm/core wasm/scene))
 $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_renderer/mistakes/*.c c_renderer/src/core/*.c)) \
-    wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
+    src/packet/packet wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
 
 ## course : the lesson and what a teacher hands out, in French and English: build/course/
 .PHONY: course

@@ -2,7 +2,6 @@
  * by malloc; names are looked up with mistakes_choice. */
 #include "../mistakes/mistakes.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "scene.h"
@@ -19,7 +18,7 @@ float *FOR_PAGE(mistaken_rows)(const int choice[NB_MODULES], int width, int heig
                                double position_x, double position_y, int divisor, int first,
                                int step)
 {
-    static float *radiance;
+    float *radiance = picture_room(width, height);
     MistakenSettings settings = {.factor = 1,
                                  .width = width,
                                  .height = height,
@@ -30,8 +29,6 @@ float *FOR_PAGE(mistaken_rows)(const int choice[NB_MODULES], int width, int heig
                                  .position_y = position_y,
                                  .divisor = divisor};
     memcpy(settings.choice, choice, sizeof settings.choice);
-    free(radiance);
-    radiance = calloc(3 * (size_t)width * (size_t)height, sizeof *radiance);
     if (radiance)
         mistakes_render_rows(&scene, &settings, first, step, radiance);
     return radiance;

@@ -1,8 +1,10 @@
 #include "scene.h"
 
 #include <stddef.h>
+#include <stdlib.h>
 
 #include "exact/vec3d.h"
+#include "packet/packet.h"
 
 #define MAX_ITEMS 1000              /* of each kind, as in a scene file */
 #define MIN_LENGTH 1e-9             /* [m] */
@@ -141,11 +143,19 @@ Refusal FOR_PAGE(scene_sphere_light)(TRIPLE(center), double radius, TRIPLE(color
  * surface. */
 int FOR_PAGE(scene_surface_pixels)(int width, int height, int first, int step)
 {
+    const ImagePlane plane = image_plane(&scene.camera, width, height);
     int pixels = 0;
-    for (int y = first; y < height; y += step)
-        for (int x = 0; x < width; x++) {
-            Ray ray = camera_ray(&scene.camera, (real)x + 0.5f, (real)y + 0.5f, width, height);
-            pixels += scene_hit(&scene, ray).object != SCENE_NOTHING;
+    for (int row = first; row < height; row += step)
+        for (int column = 0; column < width; column += LANES) {
+            real x[LANES], y[LANES];
+            HitPacket hits;
+            for (int i = 0; i < LANES; i++) {
+                x[i] = (real)(column + i) + 0.5f;
+                y[i] = (real)row + 0.5f;
+            }
+            packet_hit(&scene, &plane, x, y, &hits);
+            for (int i = 0; i < LANES && column + i < width; i++)
+                pixels += hits.object[i] != SCENE_NOTHING;
         }
     return pixels;
 }
@@ -157,4 +167,17 @@ double FOR_PAGE(scene_shadow_rays)(int nb_light_samples)
     for (int i = 0; i < scene.nb_lights; i++)
         rays += light_is_surface(&scene.lights[i]) ? nb_light_samples : 1;
     return rays;
+}
+
+float *picture_room(int width, int height)
+{
+    static float *room;
+    static size_t size;
+    const size_t needed = 3 * (size_t)width * (size_t)height * sizeof *room;
+    if (needed != size) {
+        free(room);
+        room = malloc(needed);
+        size = room ? needed : 0;
+    }
+    return room;
 }
