@@ -256,7 +256,33 @@ build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/referen
 
 # ---------------------------------------------------------------- the course
 
+# The renderer, and the library of mistakes in double, for a page: WebAssembly of 1 MB of stack,
+# whose overflow traps since it lies first. C99's plain arithmetic, in vectors of four whatever width
+# a loop asks for: a macro of that name takes the place of `simdlen(16)`. Not linked by clang, which
+# would run whatever wasm-opt there is.
 WASM := build/wasm/core.wasm build/wasm/mistakes.wasm
+WASM_CC := clang --target=wasm32-wasi -msimd128 -mbulk-memory -mnontrapping-fptoint -msign-ext -std=c99 -O2 \
+    -fopenmp-simd -fno-math-errno -ffp-contract=off '-Dsimdlen(any)=simdlen(4)' -Wall -Wextra -Wno-pass-failed \
+    -Wno-unknown-pragmas -Ic_renderer/src -Ic_renderer/wasm
+# What clang needs beside the C library stands where its version likes.
+WASM_LD = wasm-ld --no-entry --stack-first -z stack-size=1048576 --strip-all --export=malloc --export=free \
+    $^ -L/usr/lib/wasm32-wasi -lc \
+    $$(find "$$(clang --print-resource-dir)/lib/" -path '*wasm32*' -name 'libclang_rt.builtins*.a')
+
+# Module $(1), of the sources $(2) in c_renderer/, with flags $(3).
+define wasm_build
+build/wasm/obj-$(1)/%.o: c_renderer/%.c Makefile | build/setup.course
+	@mkdir -p $$(@D)
+	$$(WASM_CC) $(3) -MMD -MP -c $$< -o $$@
+
+build/wasm/$(1).wasm: $(2:%=build/wasm/obj-$(1)/%.o)
+	$$(WASM_LD) -o $$@.part && mv $$@.part $$@
+
+-include $(2:%=build/wasm/obj-$(1)/%.d)
+endef
+$(eval $(call wasm_build,core,$(addprefix src/,$(filter-out io/% frame/trust,$(C_NAMES))) wasm/core wasm/scene))
+$(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_renderer/mistakes/*.c c_renderer/src/core/*.c)) \
+    wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
 
 ## course : the lesson and what a teacher hands out, in French and English: build/course/
 .PHONY: course
@@ -375,14 +401,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] c_renderer/wasm/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] c_renderer/wasm/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean
