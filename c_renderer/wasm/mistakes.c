@@ -1,6 +1,6 @@
 /* The library of mistakes, for a page's worker. Arrays are what it has put into the module's memory
  * by malloc; names are looked up with mistakes_choice. */
-#include "../mistakes/mistakes.h"
+#include "../mistakes/choice.h"
 
 #include <string.h>
 
@@ -9,6 +9,12 @@
 int FOR_PAGE(choice)(Module module, const char *name)
 {
     return mistakes_choice(module, name);
+}
+
+/* Whether what these choices render is saved without a clamp, wrapping around in its 8 bits. */
+bool FOR_PAGE(saved_wrapped)(const int choice[NB_MODULES])
+{
+    return CHOICES[choice[MODULE_OUTPUT]].output.wrap;
 }
 
 /* The rows first, first + step, ... of width * height * 3 floats, RGB, which are the caller's until
