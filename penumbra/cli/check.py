@@ -11,6 +11,7 @@ from penumbra.cli.arguments import (
     SCENE_FILES,
     SCENES,
     Subcommands,
+    add_language,
     add_subcommand,
     positive,
     scene_path,
@@ -68,6 +69,7 @@ def add(subcommands: Subcommands) -> None:
     )  # fmt: skip
     parser.add_argument("--json", type=named(".json"), metavar="OUT.json", help="every figure")
     parser.add_argument("--html", type=named(".html"), metavar="OUT.html", help="as a page")
+    add_language(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from penumbra.cli.arguments import (
     Subcommands,
+    add_language,
     add_scheduler,
     add_subcommand,
     positive,
@@ -70,6 +71,7 @@ def add(subcommands: Subcommands) -> None:
         help="how much students are told: 0 the verdict, 1 where to look, 2 the mistake and the "
         "step, 3 all [1]",
     )  # fmt: skip
+    add_language(parser)
     add_scheduler(parser)
     parser.add_argument(
         "--time-threads", action="store_true",
