@@ -50,6 +50,11 @@ class Mistake:
     """how many of STUDENTS programs had it; 0: none, or not known"""
 
     @property
+    def anchor(self) -> str:
+        """Of its exhibit in the museum of the course's page."""
+        return f"mistake-{self.name}"
+
+    @property
     def usual(self) -> bool:
         """Most had it."""
         return self.seen > STUDENTS / 2
