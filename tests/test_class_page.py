@@ -520,18 +520,15 @@ def test_a_sheet_with_hint_1_says_where_to_look_and_no_mistake(folder: Path, roo
 def test_the_museum_of_mistakes_is_linked_to_whom_it_may_be(hint: int, tmp_path: Path) -> None:
     """The instructor's page always, a sheet where it names the mistake; none if it is nowhere."""
     mistakes = ("no_light_cosine", "area_omitted")
-    made = grades(
-        [submission("Marie", mistakes, hint), submission("Jean", ("unknown",), hint)], hint
-    )
+    made = [submission("Marie", mistakes, hint), submission("Jean", ("unknown",), hint)]
     course = "https://example.org/course/"
     write_class(tmp_path, grades(made, hint), course)
     links = {f'href="{course}#mistake-{name}"' for name in mistakes}
     pages = {f: f.read_text() for f in tmp_path.rglob("*.html")}
     for file, html in pages.items():
         told = file.name == "index.html" or (hint >= 2 and file.name != "Jean.html")
-        assert set(re.findall(r'href="[^"]*#mistake-[^"]*"', html)) == (links if told else set()), (
-            file
-        )
+        linked = set(re.findall(r'href="[^"]*#mistake-[^"]*"', html))
+        assert linked == (links if told else set()), file
         assert course in html or not told
     write_class(tmp_path, grades(made, hint))
     assert not [f for f in pages if "#mistake-" in f.read_text()]
