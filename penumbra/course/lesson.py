@@ -97,15 +97,20 @@ def sampled(n: int, *more: str) -> tuple[str, ...]:
 
 WHOLE = {"position": [0, 0.6, -3], "look_at": [0, -0.9, 3], "up": [0, 1, 0], "fov_y_deg": 42}
 """Looks down on the shadow, of which the lab's own camera sees the upper edge alone."""
-CLOSE = {"position": [0, 1.5, -2.5], "look_at": [0.35, -1.75, 3], "up": [0, 1, 0], "fov_y_deg": 24}
+CLOSE = {"position": [0, 1.6, -3], "look_at": [0, -2, 2.7], "up": [0, 1, 0], "fov_y_deg": 24}
 """Fills the picture with the shadow."""
-SCENES = {
+MIDDLE = [0, 10, 3]
+"""Of the quad."""
+POINT = {"name": "point", "position": MIDDLE, "color": [1, 1, 1], "power": 160}
+BULB = {"name": "bulb", "center": MIDDLE, "radius": 1, "color": [1, 1, 1], "power": 160 / np.pi}
+"""They bring the floor below them as much as the quad of 4 m² and power 40."""
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "whole": ("tp3", {"camera": WHOLE}),
     "close": ("tp3", {"camera": CLOSE}),
-    "point": ("tp3_point", {"camera": WHOLE}),
+    "point": ("tp3_point", {"camera": WHOLE, "point_lights": [POINT]}),
     "disk": ("tp3_disk", {"camera": WHOLE}),
     "triangle": ("tp3_triangle", {"camera": WHOLE}),
-    "sphere": ("tp3_sphere", {"camera": WHOLE}),
+    "sphere": ("tp3_sphere", {"camera": WHOLE, "sphere_lights": [BULB]}),
 }
 """What the figures show: a file of scenes/, and what is changed in it."""
 
@@ -130,12 +135,8 @@ def scene_of(name: str) -> dict[str, Any]:
 def pictures() -> dict[str, tuple[str, tuple[Strip, ...]]]:
     """Of each step: the scene whose C++ lines stand below it, and the picture's strips from left to
     right."""
-    point = {
-        "quad_lights": None,
-        "point_lights": [{"name": "point", "position": [0, 10, 3], "color": [1, 1, 1], "power": 160}],
-    }  # fmt: skip
     return {
-        "hard-and-soft": ("whole", (Strip("whole", changes=point), Strip("whole"))),
+        "hard-and-soft": ("whole", (Strip("point"), Strip("whole"))),
         "one-ray": ("whole", (Strip("whole", sampled(1)),)),
         "average": ("close", tuple(Strip("close", sampled(n)) for n in (1, 4, 16, 64))),
         "umbra": ("close", (Strip("close", sampled(4)),)),
