@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
+from urllib.parse import urlsplit
 
 from penumbra.cli.exit import UsageError
 
@@ -123,6 +125,26 @@ def add_subcommand(
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=scene_path, metavar="SCENE", help=SCENE_FILES)
+
+
+def add_course(parser: argparse.ArgumentParser, default: str = "") -> None:
+    parser.add_argument(
+        "--course", metavar="ADDRESS",
+        help="the course's page (make course), to whose museum of mistakes verdicts link: a URL, "
+        f"file or folder [$PENUMBRA_COURSE{default}]",
+    )  # fmt: skip
+
+
+def course_of(options: argparse.Namespace) -> str:
+    """The address of the course's page, as a URL; "" if there is none. Raises UsageError."""
+    given = options.course if options.course is not None else os.environ.get("PENUMBRA_COURSE", "")
+    scheme = urlsplit(given).scheme
+    if not given or scheme in ("http", "https", "file"):
+        return str(given).partition("#")[0]
+    file = Path(given) / "index.html" if Path(given).is_dir() else Path(given)
+    if not file.is_file():
+        raise UsageError(f"course {given}: neither a URL (http, https, file) nor a page's file")
+    return file.resolve().as_uri()
 
 
 def add_out(parser: argparse.ArgumentParser, metavar: str, parse: Callable[[str], Path]) -> None:
