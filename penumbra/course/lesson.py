@@ -89,6 +89,8 @@ class Strip:
     options: tuple[str, ...] = ("--estimator", "exact")
     changes: dict[str, Any] = field(default_factory=dict)
     """of the scene's top-level keys"""
+    coarse: int = 1
+    """how many times larger than a pixel is shown"""
 
 
 def sampled(n: int, *more: str) -> tuple[str, ...]:
@@ -97,15 +99,20 @@ def sampled(n: int, *more: str) -> tuple[str, ...]:
 
 WHOLE = {"position": [0, 0.6, -3], "look_at": [0, -0.9, 3], "up": [0, 1, 0], "fov_y_deg": 42}
 """Looks down on the shadow, of which the lab's own camera sees the upper edge alone."""
-CLOSE = {"position": [0, 1.5, -2.5], "look_at": [0.35, -1.75, 3], "up": [0, 1, 0], "fov_y_deg": 24}
+CLOSE = {"position": [0, 1.6, -3], "look_at": [0, -2, 2.7], "up": [0, 1, 0], "fov_y_deg": 24}
 """Fills the picture with the shadow."""
-SCENES = {
+MIDDLE = [0, 10, 3]
+"""Of the quad."""
+POINT = {"name": "point", "position": MIDDLE, "color": [1, 1, 1], "power": 160}
+BULB = {"name": "bulb", "center": MIDDLE, "radius": 1, "color": [1, 1, 1], "power": 160 / np.pi}
+"""They bring the floor below them as much as the quad of 4 m² and power 40."""
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "whole": ("tp3", {"camera": WHOLE}),
     "close": ("tp3", {"camera": CLOSE}),
-    "point": ("tp3_point", {"camera": WHOLE}),
-    "disk": ("tp3_disk", {"camera": WHOLE}),
-    "triangle": ("tp3_triangle", {"camera": WHOLE}),
-    "sphere": ("tp3_sphere", {"camera": WHOLE}),
+    "point": ("tp3_point", {"camera": WHOLE, "point_lights": [POINT]}),
+    "disk": ("tp3_disk", {"camera": CLOSE}),
+    "triangle": ("tp3_triangle", {"camera": CLOSE}),
+    "sphere": ("tp3_sphere", {"camera": CLOSE, "sphere_lights": [BULB]}),
 }
 """What the figures show: a file of scenes/, and what is changed in it."""
 
@@ -130,19 +137,18 @@ def scene_of(name: str) -> dict[str, Any]:
 def pictures() -> dict[str, tuple[str, tuple[Strip, ...]]]:
     """Of each step: the scene whose C++ lines stand below it, and the picture's strips from left to
     right."""
-    point = {
-        "quad_lights": None,
-        "point_lights": [{"name": "point", "position": [0, 10, 3], "color": [1, 1, 1], "power": 160}],
-    }  # fmt: skip
     return {
-        "hard-and-soft": ("whole", (Strip("whole", changes=point), Strip("whole"))),
+        "hard-and-soft": ("whole", (Strip("point"), Strip("whole"))),
         "one-ray": ("whole", (Strip("whole", sampled(1)),)),
         "average": ("close", tuple(Strip("close", sampled(n)) for n in (1, 4, 16, 64))),
         "umbra": ("close", (Strip("close", sampled(4)),)),
         "square-root": ("close", tuple(Strip("close", sampled(n)) for n in (1, 16, 256))),
         "antialiasing": (
             "whole",
-            (Strip("whole", sampled(4)), Strip("whole", sampled(4, "--pixel-samples", "16"))),
+            (
+                Strip("whole", sampled(4), coarse=4),
+                Strip("whole", sampled(4, "--pixel-samples", "16"), coarse=4),
+            ),
         ),
         "trade": (
             "close",
@@ -164,7 +170,7 @@ def pictures() -> dict[str, tuple[str, tuple[Strip, ...]]]:
         ),
         "other-lights": (
             "disk",
-            tuple(Strip(name) for name in ("whole", "disk", "triangle", "sphere")),
+            tuple(Strip(name) for name in ("close", "disk", "triangle", "sphere")),
         ),
     }
 
@@ -364,7 +370,8 @@ def mathml(latex: str, display: str = "inline") -> str:
 
 
 def composed(renderer: Path, strips: Sequence[Strip]) -> PillowImage.Image:
-    """As the lab saves them, side by side: each strip of the whole view, white lines between.
+    """As the lab saves them, side by side, each the same part of the view: its middle, or about the
+    shadow's right edge where it is seen from close by; white lines between.
 
     Raises OSError; ValueError where the renderer says no.
     """
@@ -377,12 +384,16 @@ def composed(renderer: Path, strips: Sequence[Strip]) -> PillowImage.Image:
             changed = scene_of(strip.scene) | strip.changes
             scene.write_text(json.dumps({k: v for k, v in changed.items() if v is not None}))
             command = [str(renderer), str(scene), "-o", str(image), *strip.options]
-            command += ["--width", str(width), "--height", str(height)]
+            command += ["--width", str(width // strip.coarse)]
+            command += ["--height", str(height // strip.coarse)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise ValueError(f"{renderer}: {done.stderr.strip()}")
             shown = (np.clip(read_image(image).radiance, 0, 1) * 255).astype(np.uint8)
-            picture[:, left:right] = shown[:, left:right]
+            shown = shown.repeat(strip.coarse, axis=0).repeat(strip.coarse, axis=1)
+            middle = width // 2 if changed["camera"]["fov_y_deg"] > 30 else round(0.78 * width)
+            first = min(max(0, middle - (right - left) // 2), width - (right - left))
+            picture[:, left:right] = shown[:, first : first + right - left]
             if left:
                 picture[:, left - 1 : left + 1] = 255
     return PillowImage.fromarray(picture)

@@ -20,6 +20,15 @@ function say(text, values = {}) {
   });
 }
 
+/* A number alone, as the language that is spoken now writes it. */
+function number(value, format) {
+  return localised(formatted(value, format));
+}
+
+function unit(value, format, name) {
+  return number(value, format) + NO_BREAK + name;
+}
+
 /* As Python's format(value, format), for the formats [+][,][.digits][f|e|g|%|d] and none. */
 function formatted(value, format) {
   const [, plus, commas, digits, kind] = /^(\+?)(,?)(?:\.(\d+))?([feg%d]?)$/.exec(format) || bad(format);
