@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import ast
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from penumbra.compare.check.catalogue import SPLIT, Choice, catalogue
+from penumbra.compare.check.words import WORDS
 from penumbra.compare.run.provenance import ROOT
+from penumbra.language import _, speaking
 
 TEMPLATES = Path(__file__).resolve().parent / "template" / "check"
 SCRIPTS = ("numbers", "picture", "grid", "view", "prediction", "diagnosis", "verdict", "check")
 """What the check's worker runs, in this order, after the catalogue"""
 SCENES = ("tp3", "tp3_statement")
+SAID = ("title", "cause", "wrong", "right", "step", "look")
+"""Of a mistake, to a student"""
 PARAMETERS = {"domain": "a, b", "scale": "n, area, norms", "average": "n, i", "colour": "c"}
 """Of the modules whose expressions the page evaluates; the library of mistakes has the others"""
 _FUNCTIONS = {"where": "where", "pow": "Math.pow", "cos": "Math.cos", "exp": "Math.exp",
@@ -85,8 +92,22 @@ def _translated(node: ast.expr) -> str:
     raise ValueError(f"{ast.unparse(node)}: not an expression that the page can evaluate")
 
 
+def texts() -> list[str]:
+    """What a verdict may hold: the words of `penumbra check`, and what is said of each mistake."""
+    mistakes = [asdict(mistake) for mistake in catalogue().mistakes.values()]
+    return [*WORDS.values(), *(said[key] for said in mistakes for key in SAID if said[key])]
+
+
 def drop(build_dir: Path) -> dict[str, Any]:
-    """What the template of the page's check finds under `drop`."""
+    """What the template finds under `drop`."""
+    scenes = {name: json.loads((ROOT / "scenes" / f"{name}.json").read_text()) for name in SCENES}
+    mistakes = {
+        name: {key: getattr(mistake, key) for key in SAID}
+        for name, mistake in catalogue().mistakes.items()
+    }
+    with speaking("fr"):
+        messages = {text: french for text in texts() if (french := _(text)) != text}
     return {
-        "scenes": {name: json.loads((ROOT / "scenes" / f"{name}.json").read_text()) for name in SCENES},
+        "data": {"scenes": scenes, "words": WORDS, "mistakes": mistakes, "messages": messages},
+        "worker": Markup(worker()),
     }

@@ -33,26 +33,20 @@ function gridHits(grid, scene, column, row, width, height, cut = grid.cut, onlyO
   return cameraHits(scene, cameraOf(grid, scene), x, y, width, height, cut, onlyObjects);
 }
 
-/* Each deviation from the scene's camera. */
+/* Each deviation from the scene's camera: its code, the page's text for it, and values. */
 function gridFacts(grid, scene) {
-  const said = [], say = (code, text, values = {}) => said.push({ code, text, values });
-  if (grid.position < 0.25) say("pixel_corner", "your rays go through the corner of each pixel, not its centre");
-  if (grid.divisor) say("divided_by_w_minus_1", "your pixel coordinates are divided by W - 1 and H - 1, not W and H");
-  if (grid.jittered) say("jittered", "your rays go through a random place of each pixel");
-  if (grid.cut !== scene.rayMaxDistance && grid.cut < 1000) {
-    say("ray_cut", "your camera rays end at about {cut:g} m, the scene's at {stated:g} m", { cut: grid.cut, stated: scene.rayMaxDistance });
-  } else if (grid.cut !== scene.rayMaxDistance) {
-    say("ray_cut", "your camera rays end at 1 km or farther, the scene's at {stated:g} m", { stated: scene.rayMaxDistance });
-  }
-  if (grid.shiftX || grid.shiftY) say("shift", "your picture is shifted by ({x:g}, {y:g}) pixels", { x: grid.shiftX, y: grid.shiftY });
-  if (grid.fovY !== scene.camera.fovY) {
-    say("fov", "your camera's field of view is {fov:.1f} degrees, the scene's is {stated:g}", { fov: grid.fovY, stated: scene.camera.fovY });
-  }
-  if (grid.moved > 0) say("camera_moved", "your camera is {moved:g} m further forward than the scene's", { moved: grid.moved });
-  if (grid.moved < 0) say("camera_moved", "your camera is {moved:g} m further back than the scene's", { moved: -grid.moved });
-  if (grid.aspect !== 1) say("aspect", "your picture is stretched horizontally, by {aspect:.2f}", { aspect: grid.aspect });
-  if (grid.flipX) say("flip_x", "your picture is mirrored, left for right");
-  if (grid.flipY) say("flip_y", "your picture is upside down");
+  const { fovY } = scene.camera, stated = scene.rayMaxDistance, said = [];
+  const add = (code, text = code, values = {}) => said.push({ code, text, values });
+  if (grid.position < 0.25) add("pixel_corner");
+  if (grid.divisor) add("divided_by_w_minus_1");
+  if (grid.jittered) add("jittered");
+  if (grid.cut !== stated) add("ray_cut", grid.cut < 1000 ? "ray_cut" : "ray_far", { cut: grid.cut, stated });
+  if (grid.shiftX || grid.shiftY) add("shift", "shift", { x: grid.shiftX, y: grid.shiftY });
+  if (grid.fovY !== fovY) add("fov", "fov", { fov: grid.fovY, stated: fovY });
+  if (grid.moved) add("camera_moved", grid.moved > 0 ? "forward" : "back", { moved: Math.abs(grid.moved) });
+  if (grid.aspect !== 1) add("aspect", "aspect", { aspect: grid.aspect });
+  if (grid.flipX) add("flip_x");
+  if (grid.flipY) add("flip_y");
   return said;
 }
 

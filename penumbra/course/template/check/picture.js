@@ -167,7 +167,7 @@ function background(levels, width, height, jpeg, scene) {
     const law = laws[i][0], [curve] = law.split(",");
     const also = new Set(laws.filter(([, level]) => apart(colour, level) <= near).map(([name]) => name));
     if (curve in GAMMAS) {
-      const facts = [{ code: "transfer", text: "your picture went through a curve ({curve}); the lab saves linear values", values: { curve } }];
+      const facts = [{ code: "transfer", text: "transfer", values: { curve } }];
       const both = [...also].filter((name) => name.startsWith(curve));
       return { colour, law: both.length === 1 ? law : curve + EITHER, facts };
     }
@@ -176,10 +176,10 @@ function background(levels, width, height, jpeg, scene) {
   const [[colour]] = common(levels, sky);
   const share = sky.filter((p) => apart(levels.subarray(4 * p, 4 * p + 3), colour) <= Math.max(near, 0.3)).length / sky.length;
   if (share < 0.4) {
-    return { colour: null, law: "truncated", facts: [{ code: "background", text: "your picture shows no background where the scene has it", values: {} }] };
+    return { colour: null, law: "truncated", facts: [{ code: "background", text: "no_background", values: {} }] };
   }
   const mine = { list: colour.map((c) => c / TOP), format: ".2f" }, want = { list: scene.background, format: "g" };
-  return { colour, law: "truncated", facts: [{ code: "background", text: "your picture's background is ({mine}), the scene's is ({want})", values: { mine, want } }] };
+  return { colour, law: "truncated", facts: [{ code: "background", text: "background", values: { mine, want } }] };
 }
 
 /* The 16 most common colours of these pixels, the first most so, and how many have them. */

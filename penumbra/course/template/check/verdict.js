@@ -1,5 +1,5 @@
 /* The word that a student gets: right, wrong or cannot tell, why, and what to do next. Texts are left
-   to the page: of each its key in WORDS, or its English, and the values in it. */
+   to the page (drop.js): here are their keys, and the values in them. */
 
 const WRONG = "wrong", CANNOT_TELL = "cannot tell", UNKNOWN = "unknown";
 const STRANGE = 0.3;  // unexplained pixels per pixel of outline from which a picture shows another scene
@@ -35,7 +35,7 @@ function verdictOf(diagnosis, miss) {
     detectableBrightness: brightness, detectableSamples: samples * n,
     runnersUp: runnersUp(diagnosis),
     settle: settle(decided.verdict, view, strange, brightness, hidden),
-    loose: diagnosis.loose, scene: view.scene.name, lightSamples: n, grid: view.grid, law: picture.law,
+    loose: diagnosis.loose, scene: view.scene.name, lightSamples: n, pixelSamples: picture.pixelSamples, grid: view.grid, law: picture.law, variant: top,
     gain: diagnosis.best.score - diagnosis.right.score,
   };
 }
@@ -202,34 +202,34 @@ function runnersUp({ best, ranking }) {
     .slice(0, 3).filter(({ odds }) => odds < HOPELESS);
 }
 
-/* Of the picture, no faults of the light: code, a key of WORDS or a text, values. */
+/* Of the picture, no faults of the light: code, the page's text for it, values. */
 function factsOf(diagnosis, miss, strange, word) {
   const { view } = diagnosis, { picture, scene } = view, facts = [...gridFacts(view.grid, scene), ...picture.facts];
-  if (strange) facts.push({ code: "geometry", word: "geometry", values: { miss } });
+  if (strange) facts.push({ code: "geometry", text: "geometry", values: { miss } });
   for (const thing of scene.objects.filter(({ name }) => name in view.recoloured)) {
     const shares = (rgb) => ({ list: rgb.map((c) => c / Math.max(...rgb, 1e-9)), format: ".2g" });
     facts.push({
-      code: `colours ${thing.name}`, word: "colours",
+      code: `colours ${thing.name}`, text: "colours",
       values: { object: thing.name, colour: shares(view.recoloured[thing.name]), stated: shares(thing.color) },
     });
   }
-  if (picture.jpeg) facts.push({ code: "jpeg", word: "jpeg", values: {} });
+  if (picture.jpeg) facts.push({ code: "jpeg", text: "jpeg", values: {} });
   const { factor } = (word === "right" ? diagnosis.right : diagnosis.best).variant;
   if (factor !== 1 && word !== CANNOT_TELL) {
     const stated = Math.max(...scene.light.radiance), close = Number((stated * factor).toPrecision(2));
     const power = Math.abs(stated * factor / close - 1) < 0.006 ? close : stated * factor;
-    facts.push({ code: "power", word: "power", values: { power, stated } });
+    facts.push({ code: "power", text: "power", values: { power, stated } });
   }
   const times = word === "right" ? effectiveSamples(diagnosis) / picture.lightSamples : 0;
-  if (times > 1.5) facts.push({ code: "better_sampler", word: "better_sampler", values: { times } });
+  if (times > 1.5) facts.push({ code: "better_sampler", text: "better_sampler", values: { times } });
   const share = view.value.filter((v) => v >= 1).length / view.value.length;
-  if (share > 0.05) facts.push({ code: "saturated", word: "saturated", values: { share } });
+  if (share > 0.05) facts.push({ code: "saturated", text: "saturated", values: { share } });
   return facts;
 }
 
 /* What would settle it, or show more: keys of WORDS and values. */
 function settle(word, view, strange, brightness, hidden) {
-  const said = [], add = (key, values = {}) => said.push({ word: key, values });
+  const said = [], add = (key, values = {}) => said.push({ text: key, values });
   if (strange) add("settle_camera", { scene: `scenes/${view.scene.name}.json` });
   if (word === CANNOT_TELL && view.picture.jpeg) add("settle_png");
   if (word === CANNOT_TELL && brightness > BLIND) add("settle_size");
