@@ -7,12 +7,15 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from penumbra.compare.check.catalogue import Variant
+from penumbra.compare.check.mistaken import render
 from penumbra.compare.cpp import cpp_scene
 from penumbra.compare.exact.image import exact_image, regions, shade
 from penumbra.compare.exact.receivers import Receivers
@@ -37,6 +40,14 @@ HANDED_OUT = (
 """Files for people beside the lesson, as its page links to them, and what they are"""
 PLACES = ((-1.0, -2.0, 2.0), (1.3, -2.0, 3.0), (0.0, -2.0, 1.8), (0.0, -2.0, 3.0))
 """On tp3's floor [m]: lit, twice in the penumbra, in the umbra"""
+LATENT = (
+    ("area_by_norms", "scale", "area_by_norms", "tp3_sheared"),
+    ("divided_inside_light_loop", "lights", "divided_inside_light_loop", "tp3_two_quads"),
+    ("quad_parametrisation_wrong", "domain", "diagonal", "check_low"),
+)
+"""Mistakes that hardly show in tp3, each with its module and choice, and a scene that shows it"""
+CHANGED = 4 / 255
+"""By more than that a mistake changes the mean of a pixel that it changes"""
 EQUAL_RAYS = ((4, 1), (4, 16), (64, 1))
 """Light and pixel samples that answer the question about anti-aliasing"""
 
@@ -125,6 +136,14 @@ def numbers(rendered: Mapping[str, Image], images: Path) -> dict[str, Any]:
         "places": floor_radiance(read_scene(SCENES / "tp3.json")),
         "saturated": float((exact[lit].max(axis=-1) > 1).mean()),
         "frequencies": frequencies(),
+        "latent": {
+            name: {
+                "scene": scene_name,
+                "of_tp3": changed("tp3", module, choice),
+                "of_scene": changed(scene_name, module, choice),
+            }
+            for name, module, choice, scene_name in LATENT
+        },
         "rubric": {
             "points": {criterion.claim: criterion.points for criterion in rubric.criteria},
             "total": rubric.total,
@@ -149,6 +168,19 @@ def floor_radiance(scene: Scene) -> list[dict[str, Any]]:
         {"place": place, "radiance": float(value[0])}
         for place, value in zip(PLACES, radiance, strict=True)
     ]
+
+
+def changed(scene: str, module: str, choice: str) -> float:
+    """The share of the scene's pixels that a mistake changes, by means of 8192 light samples, which
+    leave a noise of less than half of CHANGED. Raises MissingProgramError."""
+
+    def shown(variant: Variant) -> np.ndarray:
+        images = (render(SCENES / f"{scene}.json", variant, (40, 60), 1024, 1, s) for s in range(8))
+        return np.clip(np.mean(list(images), axis=0), 0, 1)
+
+    mistaken = replace(Variant(), **{module: choice})  # type: ignore[arg-type]
+    off = np.abs(shown(mistaken) - shown(Variant())).max(axis=-1)
+    return float((off > CHANGED).mean())
 
 
 @cache
