@@ -57,7 +57,7 @@ class Core {
   /* mistakes_moments of mistakes.h: what a sample of scene's light number `light` brings on average
    * to receivers { point, normal, right, down: Float64Array, object: Int32Array }. Names of a
    * domain, of rays and of weights. { chance, first, second }: Float32Arrays. Frames go first. */
-  moments(scene, light, receivers, domain, rays, weights, grid) {
+  async moments(scene, light, receivers, domain, rays, weights, grid) {
     const AT_ONCE = 128, n = receivers.object.length, parts = [];
     for (let before = 0; before < n; before += AT_ONCE) {
       const part = (array, size) => array.slice(size * before, size * (before + AT_ONCE));
@@ -84,7 +84,7 @@ class Core {
     return this.#run({ name: "mistakes", patient: true, parts, done });
   }
 
-  #picture(name, call, scene, also, wanted, client) {
+  async #picture(name, call, scene, also, wanted, client) {
     const settings = {
       ...scene.image, nb_light_samples: 64, samples_per_pixel: 1, seed: 0, sampler: "independent",
       estimator: "area", position_x: 0.5, position_y: 0.5, divisor: 0, ...wanted,
@@ -155,7 +155,12 @@ class Core {
       job.missing--;
     }
     this.#deal();
-    if (job.missing === 0) job.resolve(job.done(job.answers));
+    if (job.missing > 0) return;
+    try {
+      job.resolve(job.done(job.answers));
+    } catch (error) {
+      job.reject(error); // no memory for the whole
+    }
   }
 
   #fail(error) {
