@@ -291,7 +291,7 @@ $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_rende
 .PHONY: course
 course: build/course/index.html
 
-build/course/index.html: $(WASM) $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+build/course/index.html: $(WASM) build/bin/penumbra-render $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
 	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark
