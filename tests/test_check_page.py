@@ -112,7 +112,7 @@ def opened(browser: Browser, file: Path, width: int, complaints: list[str]) -> P
     own = ("data:", "blob:", file.as_uri())
     tab.on("request", lambda r: None if r.url.startswith(own) else complaints.append(r.url[:80]))
     tab.goto(file.as_uri())
-    tab.wait_for_function("Number(document.getElementById('comparer').dataset.drawn || 0) > 0")
+    tab.locator("#comparer[data-drawn]:not([data-drawn='0'])").wait_for()
     return tab
 
 

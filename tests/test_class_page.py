@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import unquote
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Dialog, Page
+from playwright.sync_api import Browser, BrowserContext, Dialog, Page, expect
 
 from penumbra.compare.check.catalogue import catalogue
 from penumbra.compare.check.explanation import observations, title
@@ -275,9 +275,7 @@ def test_filters_by_mistake_verdict_and_name_work_together(
     page.fill("[name=text]", "nobody")
     assert shown(page) == [] and page.inner_text("#state").startswith(f"0 of {COUNT}")
     page.get_by_role("button", name="Show all").click()
-    page.wait_for_function(
-        f"document.querySelectorAll('#class tbody:not([hidden])').length == {COUNT}"
-    )
+    expect(page.locator("#class tbody:not([hidden])")).to_have_count(COUNT)
     assert page.inner_text("#state") == f"{COUNT} of {COUNT} submissions"
     assert page.get_attribute("#state", "role") == "status"
 

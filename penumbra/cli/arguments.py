@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from penumbra.compare.run.tasks import Scheduler
 
 from penumbra.compare.run.provenance import ROOT
+from penumbra.language import LANGUAGES
 
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
@@ -164,6 +165,15 @@ def add_cycles(parser: argparse.ArgumentParser, default: str) -> None:
 def add_size(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--width", type=positive, metavar="W", help=f"pixels [{default}]")
     parser.add_argument("--height", type=positive, metavar="H", help="pixels, with --width")
+
+
+def add_language(parser: argparse.ArgumentParser) -> None:
+    """--lang, which main() speaks in."""
+    parser.add_argument(
+        "--lang",
+        choices=LANGUAGES,
+        help="language of what is said [that of LANGUAGE, LC_ALL, LC_MESSAGES or LANG, else en]",
+    )
 
 
 def add_scheduler(parser: argparse.ArgumentParser, jobs: bool = True) -> None:

@@ -12,6 +12,7 @@ from penumbra.cli.arguments import (
     SCENES,
     Subcommands,
     add_course,
+    add_language,
     add_subcommand,
     course_of,
     positive,
@@ -73,6 +74,7 @@ def add(subcommands: Subcommands) -> None:
     add_course(parser, ", or build/course where it is made")
     parser.add_argument("--json", type=named(".json"), metavar="OUT.json", help="every figure")
     parser.add_argument("--html", type=named(".html"), metavar="OUT.html", help="as a page")
+    add_language(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from penumbra.cli.arguments import (
     Subcommands,
     add_course,
+    add_language,
     add_scheduler,
     add_subcommand,
     course_of,
@@ -73,6 +74,7 @@ def add(subcommands: Subcommands) -> None:
         "step, 3 all [1]",
     )  # fmt: skip
     add_course(parser)
+    add_language(parser)
     add_scheduler(parser)
     parser.add_argument(
         "--time-threads", action="store_true",
