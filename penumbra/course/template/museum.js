@@ -67,10 +67,23 @@
       filter();
     }
     card.open = true;
-    card.scrollIntoView({ block: "start" });
     card.querySelector("summary").focus({ preventScroll: true });
+    stayAt(card);
   }
   addEventListener("hashchange", openLinked);
+
+  /* Figures above become live, and taller, after the page has opened: follow, until the reader moves. */
+  function stayAt(card) {
+    const follow = new ResizeObserver(() => card.scrollIntoView({ block: "start", behavior: "instant" }));
+    follow.observe(document.body);
+    const input = ["wheel", "touchstart", "pointerdown", "keydown"];
+    const end = () => {
+      follow.disconnect();
+      for (const kind of input) removeEventListener(kind, end);
+    };
+    for (const kind of input) addEventListener(kind, end, { passive: true });
+    setTimeout(end, 5000);
+  }
 
   /* ---- the live renderer ---- */
 
@@ -98,17 +111,21 @@
     part("n").value = Math.log2(exhibit.n);
     part("mistake").checked = true;
     part("half").checked = false;
-    museum.querySelector("tr.now")?.remove();
+    hideMeasured();
     card.querySelector("figure").prepend(live);
     live.hidden = false;
     change();
   }
 
   function leave() {
-    museum.querySelector("tr.now")?.remove();
+    hideMeasured();
     museum.append(live);
     live.hidden = true;
     card = null;
+  }
+
+  function hideMeasured() {
+    for (const cell of museum.querySelectorAll(".now:not([hidden])")) cell.hidden = true;
   }
 
   function change() {
@@ -245,16 +262,11 @@
       : ratio >= 0.1 && ratio < 10 ? say("× {ratio:.2f}", { ratio }) : say("× {ratio:.2g}", { ratio });
     const cells = [times(floor), times(sphere), times(penumbra), say("{value:.0f} of 255", { value: 255 * shadow }),
       effective === null ? say("none") : say("{n:.2g}", { n: Math.max(effective, 0.1) })];
-    const row = card.querySelector("tr.now") || card.querySelector(".numbers tbody").insertRow();
-    row.className = "now";
-    const head = document.createElement("th");
-    head.scope = "row";
-    head.textContent = state().shows === "right" ? say("Now, without it") : say("Now");
-    row.replaceChildren(head, ...cells.map((text) => {
-      const cell = document.createElement("td");
-      cell.textContent = text;
-      return cell;
-    }));
+    const head = state().shows === "right" ? say("now, without it") : say("now");
+    card.querySelectorAll(".now").forEach((cell, i) => {
+      cell.textContent = [head, ...cells][i];
+      cell.hidden = false;
+    });
     live.dataset.measured = Number(live.dataset.measured || 0) + 1;
   }
 
