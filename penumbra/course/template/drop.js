@@ -305,7 +305,7 @@ function countsInName(name) {
     ["1", () => say("where to look")],
     ["2", () => say("the mistake’s name")],
     ["3", () => say("the formula and the evidence")],
-  ], "2");
+  ], "3");
 
   part("file").addEventListener("change", ({ target }) => { if (target.files.length) take(target.files[0]); });
   part("form").addEventListener("submit", (event) => { event.preventDefault(); start(); });
