@@ -41,7 +41,9 @@ def worker() -> str:
 def catalogue_script() -> str:
     """The choices of the catalogue, but for those of several lights, which the lab's scene has not."""
     choices = [choice for choice in catalogue().choices.values() if choice.module != "lights"]
-    return "const CATALOGUE = [\n" + "".join(f"  {_entry(choice)},\n" for choice in choices) + "];\n"
+    return (
+        "const CATALOGUE = [\n" + "".join(f"  {_entry(choice)},\n" for choice in choices) + "];\n"
+    )
 
 
 def _entry(choice: Choice) -> str:
