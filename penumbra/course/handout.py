@@ -121,13 +121,13 @@ def numbers(rendered: Mapping[str, Image], images: Path) -> dict[str, Any]:
         }
 
     def noise(n: int, m: int) -> float:
-        """Relative, by what differs between two seeds."""
+        """Relative as error's, by what differs between two seeds."""
         options = f"--light-samples {n} --pixel-samples {m} --seed"
         one, other = (
             Picture(f"n{n}_m{m}_s{seed}", SOFT.scene, f"{options} {seed}").render(images).radiance
             for seed in (1, 2)
         )
-        return rmse(one, other, penumbra) / 2**0.5 / float(exact[penumbra].mean())
+        return rmse(one, other, penumbra) / 2**0.5 / rmse(exact, np.zeros_like(exact), penumbra)
 
     rubric = read_rubric()
     return {
