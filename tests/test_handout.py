@@ -155,7 +155,7 @@ def test_every_pdf_says_that_it_is_accessible_and_in_which_language(out: Path) -
 @pytest.mark.parametrize(
     ("with_it", "without"),
     [
-        ('picture("figure-3", 52%, words.one)', 'picture("figure-3", 52%, none)'),
+        ('magnified("figure-3", 52%, words.one)', 'magnified("figure-3", 52%, none)'),
         ("math.equation(block: true, alt: alt, body)", "body"),
     ],
     ids=["picture", "formula"],
