@@ -291,7 +291,9 @@ $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_rende
 .PHONY: course
 course: build/course/index.html
 
-build/course/index.html: $(WASM) build/bin/penumbra-render $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+# Last of all: the handouts, which are rendered, come before it.
+build/course/index.html: $(WASM) $(RENDER) $(MISTAKES) $(wildcard scenes/*.json) penumbra/grading/rubric.toml \
+    $(wildcard penumbra/*.py penumbra/compare/cpp.py penumbra/course/*.py penumbra/course/*/* penumbra/course/*/*/*)
 	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark
