@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from penumbra.compare.run.tasks import Scheduler
 
 from penumbra.compare.run.provenance import ROOT
+from penumbra.language import LANGUAGES, of_environment
 
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
@@ -136,6 +137,15 @@ def add_cycles(parser: argparse.ArgumentParser, default: str) -> None:
         const=sample_counts(default),
         metavar="N",
         help=f"Cycles too, with these numbers of samples [{default}]",
+    )
+
+
+def add_language(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--lang",
+        choices=LANGUAGES,
+        default=of_environment(),
+        help="language [LANG's, else en]",
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from penumbra.cli.arguments import Subcommands, add_subcommand
+from penumbra.cli.arguments import Subcommands, add_language, add_subcommand
 from penumbra.cli.exit import PASS
 from penumbra.compare.run.output import named
 from penumbra.compare.run.provenance import ROOT
@@ -30,12 +30,15 @@ def add(subcommands: Subcommands) -> None:
         metavar="OUT.html",
         help="the page [DIR/report/index.html]",
     )
+    add_language(parser)
 
 
 def run(options: argparse.Namespace) -> int:
+    from penumbra.language import speaking
     from penumbra.report.build import build
 
     out = options.out or options.build / "report" / "index.html"
-    build(options.build, out, ROOT / "scenes")
+    with speaking(options.lang):
+        build(options.build, out, ROOT / "scenes")
     print(f"written: {out}")
     return PASS

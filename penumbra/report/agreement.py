@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -10,12 +11,14 @@ import numpy as np
 from markupsafe import Markup
 
 from penumbra.compare.exact.image import BACKGROUND
+from penumbra.compare.measure.statistics import TOO_FEW_TILES
 from penumbra.language import N_, _, say
 from penumbra.report import figures
 from penumbra.report.inputs import COMPARISONS, Data, best_image_file, reference_file
 from penumbra.report.pictures import command_of, facts_of, figure_of, name_of
 from penumbra.report.words import (
     against,
+    any_of,
     digits,
     fixed,
     interval,
@@ -52,9 +55,7 @@ def agreement(data: Data) -> dict[str, Any]:
     rows = all_rows(data)
     return {
         "tables": tables,
-        "confidence": _(" or ").join(
-            percent(c) for c in sorted({row["confidence"] for row in rows})
-        ),
+        "confidence": any_of([percent(c) for c in sorted({row["confidence"] for row in rows})]),
         "perceptual": _perceptual(data),
         "maps": _maps(data),
         "colour_stops": Markup(",".join(figures.diverging_stops())),
@@ -104,9 +105,16 @@ def _agreement_row(row: dict[str, Any], axis: float) -> dict[str, Any]:
         "consistent": fixed(times(100, row["consistent_fraction"])),
         "verdict": row["verdict"],
         "word": _(VERDICTS[row["verdict"]]),
-        "note": _(row["note"]),
+        "note": _note(row["note"]),
         "plot": _whisker(row, axis),
     }
+
+
+def _note(text: str) -> str:
+    """Why a region was not judged."""
+    pattern = re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+)", re.escape(TOO_FEW_TILES))
+    found = re.fullmatch(pattern, text)
+    return say(TOO_FEW_TILES, **found.groupdict()) if found else _(text)
 
 
 def _whisker(row: dict[str, Any], axis: float) -> dict[str, Any] | None:

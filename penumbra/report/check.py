@@ -7,7 +7,7 @@ from typing import Any
 
 from penumbra.language import N_, _, say
 from penumbra.report.inputs import Data, Input
-from penumbra.report.words import interval, percent
+from penumbra.report.words import interval, percent, phrases
 
 CALIBRATION = Input(
     "calibration.json",
@@ -88,7 +88,7 @@ def _confusion(matrix: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _settings(settings: dict[str, Any]) -> str:
-    return "; ".join(
+    return phrases(
         say("{name}: {value}", name=_(SETTINGS.get(key, key)), value=_value(value))
         for key, value in settings.items()
     )

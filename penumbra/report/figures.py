@@ -234,8 +234,8 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
         axes = figure.add_subplot()
         top = max(speedup.x)
         axes.plot([1, top], [1, top], color=FAINT, linestyle=(0, (4, 3)), linewidth=1)
-        axes.text((1 + 3 * top) / 4, (1 + 3 * top) / 4, f" {_('ideal')} ", color=FAINT, ha="center",
-                  va="center", bbox=BACKED)  # fmt: skip
+        axes.text((1 + 3 * top) / 4, (1 + 3 * top) / 4, " " + _("ideal") + " ", color=FAINT,
+                  ha="center", va="center", bbox=BACKED)  # fmt: skip
         if cores and cores < top:
             axes.axvline(cores, color=FAINT, linewidth=0.8, linestyle=":")
             axes.annotate(say("{count} cores", count=cores), (cores, top), (4, 0),
@@ -399,8 +399,8 @@ def _guide(axes: Axes, series: Sequence[Series]) -> None:
     axes.plot(x, y, color=FAINT, linestyle=(0, (4, 3)), linewidth=1, zorder=1)
     axes.set_ylim(limits)
     middle_x, middle_y = np.exp(np.log([x, y]).mean(axis=1))
-    axes.text(middle_x, middle_y, f" {_('slope −1/2')} ", color=FAINT, ha="center", va="center",
-              bbox=BACKED)  # fmt: skip
+    axes.text(middle_x, middle_y, " " + _("slope −1/2") + " ", color=FAINT, ha="center",
+              va="center", bbox=BACKED)  # fmt: skip
 
 
 def _svg(figure: Figure, name: str, description: str) -> Markup:

@@ -19,7 +19,7 @@ from penumbra.report.inputs import (
     reference_file,
 )
 from penumbra.report.threads import SPEEDUP
-from penumbra.report.words import digits, fixed, interval, percent
+from penumbra.report.words import digits, fixed, interval, percent, phrases, size_of
 
 INPUTS = (*COMPARISONS, *IMAGES, CONVERGENCE, SPEEDUP)
 
@@ -34,13 +34,14 @@ def _summary(data: Data) -> str:
     image = data.images[best_image_file("tp3")]
     cycles = data.images[reference_file("tp3")]
     machine = data[CONVERGENCE]["machine"]
+    ours = _("the C renderer")
     return say(
         "Scene {scene} (hash {hash}) and its variants, {size}; {software}, seed {seed}; {cycles}; "
         "on {processor}, {cores} cores.",
         scene=scene.name,
         hash=scene.hash,
-        size=f"{scene.width} × {scene.height}",
-        software=image.attributes.get("software", _("the C renderer")),
+        size=size_of(vars(scene)),
+        software=image.attributes.get("software", ours),
         seed=str(image.attributes.get("seed", "?")),
         cycles=cycles.attributes.get("software", "Cycles"),
         processor=machine["processor"],
@@ -54,13 +55,14 @@ def _glance(data: Data) -> list[dict[str, str]]:
     verdicts = {row["verdict"] for row in rows}
     worst = next(v for v in ("differs", "undecided", "agrees") if v in verdicts)
     agreeing = sum(row["verdict"] == "agrees" for row in rows)
-    rest = ", ".join(verdict_words(rows)[1:])
-    others = say("; {rest}", rest=rest) if rest else ""
+    others = verdict_words(rows)[1:]
     items = [
         {
             "term": _("Is it right?"),
             "value": say("{count} of {all}", count=agreeing, all=len(rows)),
-            "text": _("comparisons of regions agree") + others,
+            "text": phrases(
+                [_("comparisons of regions agree"), *([", ".join(others)] if others else [])]
+            ),
             "tone": worst,
         }
     ]

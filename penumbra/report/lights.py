@@ -27,6 +27,7 @@ def lights(data: Data) -> dict[str, Any]:
     for scene, shape in LIGHTS.items():
         file = best_image_file(scene)
         pictures.append(picture(data, file, edge_crop(data, file), _(shape)))
+    compared = [i for i in COMPARISONS if i.scene in LIGHTS and data.has(i)]
     measured = data[PROFILE]
     start = measured["start"][0]
     colours = [colour for colour, _ in (*STYLES.values(), *OTHER_STYLES)]
@@ -53,7 +54,8 @@ def lights(data: Data) -> dict[str, Any]:
             for row in measured["rows"]
         ],
         "command": measured["command"],
-        "agreement": [_verdicts(data, i) for i in COMPARISONS if i.scene in LIGHTS and data.has(i)],
+        "agreement": [_verdicts(data, i) for i in compared],
+        "summary": verdict_count([row for i in compared for row in data[i]["rows"]]),
     }
 
 

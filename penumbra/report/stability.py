@@ -11,7 +11,7 @@ from markupsafe import Markup
 from penumbra.language import N_, _, localised, say
 from penumbra.report.figures import Line, log_chart
 from penumbra.report.inputs import Data, Input
-from penumbra.report.words import digits, power, signed_power
+from penumbra.report.words import all_of, digits, phrases, power, signed_power
 
 STABILITY = Input(
     "stability/stability.json",
@@ -76,7 +76,7 @@ def stability(data: Data) -> dict[str, Any]:
             for cause, (title, text) in CAUSES.items()
         ],
         "rows": [_row(s, measured["limits"]) for s in measured["sweeps"]],
-        "limits": _(" and ").join(power(limit) for limit in measured["limits"]),
+        "limits": all_of([power(limit) for limit in measured["limits"]]),
         "map": {"cells": measured["map"], "limits": measured["limits"]},
         "trust": _trust(measured["trust"]),
         "sums": _sums(measured["sums"]),
@@ -138,12 +138,10 @@ def _boundary(curve: dict[str, Any], limits: Sequence[float]) -> str:
     for limit in limits:
         crossings = curve["crossings"][f"{limit:g}"]
         if crossings:
-            places = _(" and ").join(
-                signed_power(float(f"{c:.2g}")) for c in sorted(set(crossings))
-            )
-            said.append(say("{limit} at {places}", limit=power(limit), places=places))
+            places = [signed_power(float(f"{c:.2g}")) for c in sorted(set(crossings))]
+            said.append(say("{limit} at {places}", limit=power(limit), places=all_of(places)))
     if said:
-        return _("; ").join(said)
+        return phrases(said)
     return say("never above {error}", error=digits(max(curve["errors"]), 2))
 
 

@@ -33,13 +33,11 @@ def threads(data: Data) -> dict[str, Any]:
         one=digits(one),
         speedup=digits(best["speedup"]),
     )
-    description = say(
-        "Speed-up by threads: {speedups}",
-        speedups=listed(
-            say("{threads}: {speedup:.3g}", threads=row["threads"], speedup=row["speedup"])
-            for row in rows
-        ),
-    )
+    each = [
+        say("{threads}: {speedup:.3g}", threads=row["threads"], speedup=row["speedup"])
+        for row in rows
+    ]
+    description = say("Speed-up by threads: {speedups}", speedups=listed(each))
     return {
         "svg": figures.speedup_chart(
             "speedup",

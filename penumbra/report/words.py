@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import reduce
 from typing import Any
 
 from penumbra.language import N_, NO_BREAK, _, language, localised, say
@@ -127,6 +128,31 @@ def times(factor: float, value: float | None) -> float | None:
 
 def interval(low: float | None, high: float | None, text: Callable[[float], str]) -> str:
     return "–" if low is None or high is None else f"[{listed([text(low), text(high)])}]"
+
+
+def phrases(texts: Iterable[str]) -> str:
+    """Side by side, with semicolons.
+
+    >>> phrases(["one", "two"])
+    'one; two'
+    """
+    return (NO_BREAK + "; " if language() == "fr" else "; ").join(texts)
+
+
+def all_of(texts: Sequence[str]) -> str:
+    """
+    >>> all_of(["one", "two"])
+    'one and two'
+    """
+    return reduce(lambda a, b: say("{first} and {second}", first=a, second=b), texts)
+
+
+def any_of(texts: Sequence[str]) -> str:
+    """
+    >>> any_of(["one", "two"])
+    'one or two'
+    """
+    return reduce(lambda a, b: say("{first} or {second}", first=a, second=b), texts)
 
 
 def listed(numbers: Iterable[str]) -> str:

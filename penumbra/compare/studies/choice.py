@@ -157,29 +157,28 @@ def answer_text(entry: Mapping[str, Any]) -> str:
     goal = f"{percent(entry['target'])} {place(entry['region'])}"
     choice = entry["choice"]
     if choice is None:
-        text = say("For {goal} no measured setting is enough.", goal=goal)
+        said = say("For {goal} no measured setting is enough.", goal=goal)
     else:
-        text = say(
+        said = say(
             "For {goal} use {options}: it takes {time} (error {error}).",
             goal=goal,
             options=options(choice),
             time=duration(choice["seconds"]),
             error=percent(choice["relative_rmse"]),
         )
-    for other in entry["others"]:
-        name = _(other["name"])
-        n = other["light_samples"]
-        said = {"name": name[:1].upper() + name[1:], "n": n}
-        if other["seconds"] is None:
-            text += say(" {name} did not get there.", **said)
-            continue
-        said["time"] = duration(other["seconds"])
-        if other["extrapolated"]:
-            said["n"] = f"{float(f'{n:.2g}'):.0f}"
-            text += say(" {name} takes about {time} (N about {n}, extrapolated).", **said)
-        else:
-            text += say(" {name} takes {time} (N = {n}).", **said)
-    return text
+    return " ".join([said, *map(_other_text, entry["others"])])
+
+
+def _other_text(other: Mapping[str, Any]) -> str:
+    name, n, seconds = _(other["name"]), other["light_samples"], other["seconds"]
+    name = name[:1].upper() + name[1:]
+    if seconds is None:
+        return say("{name} did not get there.", name=name)
+    text = N_("{name} takes {time} (N = {n}).")
+    if other["extrapolated"]:
+        text = N_("{name} takes about {time} (N about {n}, extrapolated).")
+        n = f"{float(f'{n:.2g}'):.0f}"
+    return say(text, name=name, time=duration(seconds), n=n)
 
 
 def trial(answered: Mapping[str, Any], rows: Sequence[Row], scene: str) -> dict[str, Any]:
@@ -265,7 +264,7 @@ def verdict_text(trials: Sequence[Mapping[str, Any]]) -> str:
     reached = [t for t in made if t["verdict"] == "reached"]
     fast = [t for t in reached if t["time_ratio"] is not None and t["time_ratio"] <= NEARLY_BEST]
     ratios = [t["method_ratio"] for t in made if t["method_ratio"] is not None]
-    text = say(
+    said = say(
         "On scenes that it was not fitted on the recommended setting reached its target in "
         "{reached} of {made} cases, and in {fast} of these nothing measured was more than "
         "{nearly:g} times faster.",
@@ -275,13 +274,13 @@ def verdict_text(trials: Sequence[Mapping[str, Any]]) -> str:
         nearly=NEARLY_BEST,
     )
     if ratios:
-        text += say(
-            " With N adapted to the scene the recommended method takes, in the median, "
+        said += " " + say(
+            "With N adapted to the scene the recommended method takes, in the median, "
             "{median:.2f} times as long as the best one, {worst:.2f} times at worst.",
             median=float(np.median(ratios)),
             worst=max(ratios),
         )
-    return text
+    return said
 
 
 # Words

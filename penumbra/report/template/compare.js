@@ -157,7 +157,7 @@
     $("split-value").textContent = localised(`${Math.round(100 * split)} %`);
     $("exposure").value = stops;
     $("exposure").disabled = mode === "difference";
-    $("exposure-value").textContent = say("{count} stops (\u00d7{factor})",
+    $("exposure-value").textContent = say("{count} stops (×{factor})",
                                           { count: signed(stops), factor: factor(2 ** stops) });
     $("gain").value = gainStops;
     $("gain").disabled = mode !== "difference";
@@ -195,10 +195,9 @@
     });
     const labels = { a: images[state.a].label, b: images[state.b].label };
     canvas.setAttribute("aria-label",
-      mode === "a" ? say("Image comparer, showing {a}", labels)
-      : mode === "b" ? say("Image comparer, showing {b}", labels)
-      : mode === "split" ? say("Image comparer, showing {a} against {b}, split", labels)
-      : say("Image comparer, showing {a} against {b}, difference", labels));
+      mode === "split" ? say("Image comparer, showing {a} against {b}, split", labels)
+      : mode === "difference" ? say("Image comparer, showing {a} against {b}, difference", labels)
+      : say("Image comparer, showing {image}", { image: labels[mode] }));
   }
 
   function set(part, value) {
