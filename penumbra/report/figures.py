@@ -19,7 +19,13 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullLocator
+from matplotlib.ticker import (
+    FuncFormatter,
+    LogLocator,
+    MultipleLocator,
+    NullLocator,
+    ScalarFormatter,
+)
 from PIL import Image as PillowImage
 from scipy.ndimage import uniform_filter
 from scipy.special import ndtri
@@ -247,6 +253,7 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
             xlabel=_("OpenMP threads"), ylabel=_("speed-up over one thread [1]"), ylim=(0, None)
         )
         axes.xaxis.set_major_locator(MultipleLocator(1))
+        axes.yaxis.set_major_formatter(_Scalar())
         return _svg(figure, name, description)
 
 
@@ -316,6 +323,8 @@ def profile_chart(
                       label=line.label)  # fmt: skip
         axes.set(xlabel=x_label, ylabel=y_label, ylim=(0, None))
         axes.margins(x=0)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(_Scalar())
         axes.legend(loc="upper center", handlelength=2.6, borderaxespad=0.2)
         return _svg(figure, name, description)
 
@@ -382,6 +391,13 @@ def rate_maps(
         bar.ax.set_yticklabels([_("none"), *(f"≤ {percent(step)}" for step in RATE_STEPS)])
         bar.ax.tick_params(length=0)
         return _svg(figure, name, description)
+
+
+class _Scalar(ScalarFormatter):
+    """matplotlib's own numbers, as the language that is spoken writes them."""
+
+    def __call__(self, value: float, place: int | None = None) -> str:
+        return localised(super().__call__(value, place))
 
 
 def _band(axes: Axes, series: Series, colour: str) -> None:
