@@ -115,6 +115,7 @@ def about(result: Result) -> str:
     """Machine, versions and how it was measured."""
     machine, versions = result["machine"], result["versions"]
     listed = ", ".join(f"{name} {version}" for name, version in versions.items())
+    size = f"{result['width']}×{result['height']}"
     return say(
         "{processor}, {threads} cores used, {system}; {date}. {versions}. {scene} at {size}, "
         "{threads} threads, medians of {rounds} interleaved rounds. Load average before the "
@@ -123,7 +124,7 @@ def about(result: Result) -> str:
         processor=machine["processor"],
         system=machine["system"],
         versions=listed,
-        size=f"{result['width']}×{result['height']}",
+        size=size,
         **{
             key: result[key]
             for key in ("threads", "date", "scene", "rounds", "load", "stolen", "minutes")
