@@ -92,8 +92,9 @@ $(eval $(call c_build,build,run,gcc,$(RELEASE)))
 $(eval $(call c_build,build,run,gcc,$(RELEASE) -DPENUMBRA_FLOAT64,-float64))
 $(eval $(call c_build,build/asan,test,gcc,$(CHECKED) -fsanitize=address -fsanitize=undefined))
 $(eval $(call c_build,build/tsan,test,clang,$(CHECKED) -fsanitize=thread -Wno-pass-failed))
-# For any x86-64: valgrind does not know the newest processors' instructions.
-$(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
+# For any processor, in C99's plain arithmetic: valgrind does not know the newest ones' instructions,
+# and a page's module computes the same bits.
+$(eval $(call c_build,build/plain,test,gcc,$(CHECKED) -ffp-contract=off))
 
 ## build : the renderer, build/bin/penumbra-render, and build/lib/libpenumbra.so; and in float64
 .PHONY: build
@@ -110,10 +111,12 @@ build: $(SELF_SHADOW)
 
 # The estimator with the mistakes of the catalogue, in double: a library of its own.
 MISTAKES := build/lib/libmistakes.so
+PLAIN_LIBRARIES := build/plain/lib/libpenumbra.so build/plain/lib/libmistakes.so
 MISTAKES_SOURCES := $(wildcard c_renderer/mistakes/* c_renderer/src/core/*.[ch])
-$(MISTAKES): $(MISTAKES_SOURCES) build/obj-float64/io/scene_json.o Makefile
+$(MISTAKES) build/plain/lib/libmistakes.so: $(MISTAKES_SOURCES) build/obj-float64/io/scene_json.o Makefile
 	@mkdir -p $(@D)
-	gcc $(C_FLAGS) -O3 -march=native -mprefer-vector-width=512 -ffp-contract=fast \
+	gcc $(C_FLAGS) $(if $(findstring /plain/,$@),-O2 -ffp-contract=off,\
+	        -O3 -march=native -mprefer-vector-width=512 -ffp-contract=fast) \
 	    -DPENUMBRA_FLOAT64 -shared $(filter %.c %.o,$^) $(shell pkg-config --libs jansson) -lm \
 	    -o $@.part && mv $@.part $@
 build: $(MISTAKES)
@@ -264,13 +267,39 @@ build/report/index.html: build/report/spoken.$(SPOKEN) $(IMAGES:%=build/images/%
 
 # ---------------------------------------------------------------- the course
 
+# The renderer, and the library of mistakes in double, for a page: WebAssembly of 1 MB of stack,
+# whose overflow traps since it lies first. C99's plain arithmetic, in vectors of four whatever width
+# a loop asks for: a macro of that name takes the place of `simdlen(16)`. Not linked by clang, which
+# would run whatever wasm-opt there is.
 WASM := build/wasm/core.wasm build/wasm/mistakes.wasm
+WASM_CC := clang --target=wasm32-wasi -msimd128 -mbulk-memory -mnontrapping-fptoint -msign-ext -std=c99 -O2 \
+    -fopenmp-simd -fno-math-errno -ffp-contract=off '-Dsimdlen(any)=simdlen(4)' -Wall -Wextra -Wno-pass-failed \
+    -Wno-unknown-pragmas -Ic_renderer/src -Ic_renderer/wasm
+# What clang needs beside the C library stands where its version likes: set-up asks the same way.
+WASM_LD = wasm-ld --no-entry --stack-first -z stack-size=1048576 --strip-all --export=malloc --export=free \
+    $^ -L/usr/lib/wasm32-wasi -lc \
+    $$(find "$$(clang --print-resource-dir)/lib/" -path '*wasm32*' -name 'libclang_rt.builtins*.a' -print -quit)
+
+# Module $(1), of the sources $(2) in c_renderer/, with flags $(3).
+define wasm_build
+build/wasm/obj-$(1)/%.o: c_renderer/%.c Makefile | build/setup.course
+	@mkdir -p $$(@D)
+	$$(WASM_CC) $(3) -MMD -MP -c $$< -o $$@
+
+build/wasm/$(1).wasm: $(2:%=build/wasm/obj-$(1)/%.o)
+	$$(WASM_LD) -o $$@.part && mv $$@.part $$@
+
+-include $(2:%=build/wasm/obj-$(1)/%.d)
+endef
+$(eval $(call wasm_build,core,$(addprefix src/,$(filter-out io/% frame/trust,$(C_NAMES))) wasm/core wasm/scene))
+$(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_renderer/mistakes/*.c c_renderer/src/core/*.c)) \
+    wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
 
 ## course : the lesson and what a teacher hands out, in French and English: build/course/
 .PHONY: course
 course: build/course/index.html
 
-build/course/index.html: $(WASM) $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+build/course/index.html: $(WASM) build/bin/penumbra-render $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
 	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark
@@ -341,8 +370,8 @@ PYTHON_FILES := penumbra bench tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
-test: build/setup.test lint build wheel $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render) \
-    build/fuzz/bin/scene-reader
+test: build/setup.test lint build wheel $(BENCH_PROGRAMS) $(foreach kind,asan tsan plain,build/$(kind)/bin/penumbra-render) \
+    $(PLAIN_LIBRARIES) $(WASM) build/fuzz/bin/scene-reader
 	.venv/bin/pytest -n auto --maxprocesses 8
 
 NUMBERS_TIMES ?= 20
@@ -383,14 +412,14 @@ lint: build/setup.run
 	.venv/bin/ruff check $(PYTHON_FILES)
 	.venv/bin/ruff format --check $(PYTHON_FILES)
 	.venv/bin/mypy
-	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format --dry-run -Werror c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] c_renderer/wasm/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
 
 ## format : rewrite Python and C in the style that lint asks for
 .PHONY: format
 format: build/setup.run
 	.venv/bin/ruff check --fix $(PYTHON_FILES)
 	.venv/bin/ruff format $(PYTHON_FILES)
-	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
+	.venv/bin/clang-format -i c_renderer/src/*/*.[ch] c_renderer/mistakes/*.[ch] c_renderer/wasm/*.[ch] bench/*.[ch] penumbra/compare/*/*.c tests/fuzz/*.c
 
 ## clean : remove build/, everything that was built, rendered or measured
 .PHONY: clean

@@ -168,9 +168,10 @@ void mistakes_moments(const Scene *scene, int light, const Receivers *receivers,
         /* in each cell of the grid one point, at the places of a lattice (Roberts's R2) that is
          * shifted for every site */
         const double step_a = 0.7548776662466927, step_b = 0.5698402909980532;
+        const int site = receivers->first + i;
         for (int j = 0; j < count; j++) {
-            a[j] = (j % grid + fraction((i + 1) * step_b + j * step_a)) / grid;
-            b[j] = (j / grid + fraction((i + 1) * step_a + j * step_b)) / grid;
+            a[j] = (j % grid + fraction((site + 1) * step_b + j * step_a)) / grid;
+            b[j] = (j / grid + fraction((site + 1) * step_a + j * step_b)) / grid;
         }
         CHOICES[domain].places(count, a, b, s, t);
         Vec3 point = row(receivers->point, i), normal = row(receivers->normal, i);
@@ -370,11 +371,17 @@ static Rgb pixel_sample(const Renderer *renderer, double x, double y)
 
 void mistakes_render(const Scene *scene, const MistakenSettings *settings, float *radiance)
 {
+    mistakes_render_rows(scene, settings, 0, 1, radiance);
+}
+
+void mistakes_render_rows(const Scene *scene, const MistakenSettings *settings, int first, int step,
+                          float *radiance)
+{
     const int width = settings->width, height = settings->height, m = settings->samples_per_pixel;
     const double across = (double)width / (width - settings->divisor);
     const double down = (double)height / (height - settings->divisor);
 #pragma omp parallel for schedule(dynamic, 4)
-    for (int y = 0; y < height; y++) {
+    for (int y = first; y < height; y += step) {
         Renderer renderer = {.scene = scene, .settings = settings};
         for (int k = 0; k < NB_MODULES; k++)
             renderer.choice[k] = &CHOICES[settings->choice[k]];

@@ -51,6 +51,7 @@ typedef struct {
     int n;
     const double *point, *normal, *right, *down;
     const int *object;
+    int first; /* how many others come before these, where many are worked through in parts */
 } Receivers;
 
 /* Of one light of unit radiance, for the samples that a domain draws, by a grid x grid (24 x 24 at
@@ -82,5 +83,9 @@ typedef struct {
 
 /* Fills width * height * 3 floats, RGB, rows from the top, unclamped unless a choice clamps. */
 void mistakes_render(const Scene *scene, const MistakenSettings *settings, float *radiance);
+
+/* The same for the rows first, first + step, ... alone. */
+void mistakes_render_rows(const Scene *scene, const MistakenSettings *settings, int first, int step,
+                          float *radiance);
 
 #endif

@@ -34,11 +34,9 @@ def add(subcommands: Subcommands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from penumbra.language import speaking
     from penumbra.report.build import build
 
     out = options.out or options.build / "report" / "index.html"
-    with speaking(options.lang):
-        build(options.build, out, ROOT / "scenes")
+    build(options.build, out, ROOT / "scenes")
     print(f"written: {out}")
     return PASS

@@ -268,14 +268,15 @@ static RenderSpent render_one_row(const Job *job, int y)
     return (RenderSpent){0, 0};
 }
 
-static RenderSpent render_rows(const Job *job, RenderProgress *progress, void *user)
+static RenderSpent render_job(const Job *job, int first, int step, RenderProgress *progress,
+                              void *user)
 {
-    const int height = job->settings->height;
+    const int height = job->settings->height, rows = (height - first + step - 1) / step;
     double light_samples = 0, pixels_above = 0; /* whole numbers: any order gives one sum */
     int rows_done = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(job->settings->threads)                  \
     reduction(+ : light_samples, pixels_above)
-    for (int y = 0; y < height; y++) {
+    for (int y = first; y < height; y += step) {
         RenderSpent row = render_one_row(job, y);
         light_samples += row.light_samples;
         pixels_above += row.pixels_above;
@@ -283,7 +284,7 @@ static RenderSpent render_rows(const Job *job, RenderProgress *progress, void *u
 #pragma omp atomic capture
         done = ++rows_done;
         if (progress && omp_get_thread_num() == 0)
-            progress(done, height, user);
+            progress(done, rows, user);
     }
     return (RenderSpent){light_samples, pixels_above};
 }
@@ -291,12 +292,18 @@ static RenderSpent render_rows(const Job *job, RenderProgress *progress, void *u
 bool render(const Scene *scene, const RenderSettings *settings, float *radiance, float *variance,
             RenderProgress *progress, void *user)
 {
+    return render_rows(scene, settings, 0, 1, radiance, variance, progress, user);
+}
+
+bool render_rows(const Scene *scene, const RenderSettings *settings, int first, int step,
+                 float *radiance, float *variance, RenderProgress *progress, void *user)
+{
     PointSet points;
     if (!point_set_create(&points, settings->sampler, settings->nb_light_samples, settings->seed))
         return false;
     const ImagePlane plane = image_plane(&scene->camera, settings->width, settings->height);
     const Job job = {scene, settings, &points, plane, NULL, radiance, variance};
-    render_rows(&job, progress, user);
+    render_job(&job, first, step, progress, user);
     point_set_free(&points);
     return true;
 }
@@ -308,7 +315,7 @@ RenderSpent render_to_target(const Scene *scene, const RenderSettings *settings,
     const Target target = {target_error, settings->nb_light_samples};
     const ImagePlane plane = image_plane(&scene->camera, settings->width, settings->height);
     const Job job = {scene, settings, NULL, plane, &target, radiance, variance};
-    return render_rows(&job, progress, user);
+    return render_job(&job, 0, 1, progress, user);
 }
 
 bool render_knows_variance(const Scene *scene, const RenderSettings *settings)

@@ -38,6 +38,11 @@ typedef void RenderProgress(int rows_done, int rows, void *user);
 bool render(const Scene *scene, const RenderSettings *settings, float *radiance, float *variance,
             RenderProgress *progress, void *user);
 
+/* The same for the rows first, first + step, ... alone: the others' floats stay as they are.
+ * variance NULL: not wanted. */
+bool render_rows(const Scene *scene, const RenderSettings *settings, int first, int step,
+                 float *radiance, float *variance, RenderProgress *progress, void *user);
+
 /* What a render to a target error took. */
 typedef struct {
     double light_samples; /* for each light, over all pixels, pilots included */
