@@ -30,7 +30,7 @@ from penumbra.compare.check.words import WORDS
 from penumbra.compare.run.output import write_whole
 from penumbra.compare.run.provenance import origin
 from penumbra.report import figures
-from penumbra.report.build import asset, environment
+from penumbra.report.build import asset, environment, spoken
 
 WHERE, NAME, ALL = 1, 2, 3
 """Hints, as of compare.check.verdict.text: from which one a part of the page is shown"""
@@ -47,9 +47,11 @@ def write_page(file: Path, checked: Checked, hint: int, course: str = "") -> Non
     3 all of it; course: address of the course's page, if any. Raises OSError, MissingProgramError.
     """
     page = environment().get_template("check_page.html.j2")
+    script = asset("compare.js")
     html = page.render(
         css=Markup("").join(map(asset, ("page.css", "check_page.css"))),
-        script=asset("compare.js"),
+        words=spoken(script),
+        script=script,
         **_content(checked, hint, course),
     )
     write_whole(file, lambda part: part.write_text(html, encoding="utf-8"))
