@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import gzip
+import html as escapes
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,10 +50,12 @@ def write_page(build_dir: Path, out: Path) -> None:
         )
         for part in PARTS
     }
+    scripts = [asset(name) for name in SCRIPTS]
     html = templates.get_template("index.html.j2").render(
         parts=parts,
         css=Markup("").join(asset(f"{name}.css") for name in ("index", *(p.name for p in PARTS))),
-        scripts=[asset(name) for name in SCRIPTS],
+        scripts=scripts,
+        messages=messages(Markup("").join([*parts.values(), *scripts])),
         worker=asset("worker.js"),
         modules={
             name: packed((build_dir / "wasm" / f"{name}.wasm").read_bytes())
@@ -80,6 +84,21 @@ def both(text: str) -> Markup:
         with speaking(chosen):
             said.append(Markup('<span lang="{}">{}</span>').format(chosen, _(text)))
     return Markup("").join(said)
+
+
+SAID = re.compile(r"""\bsay\(\s*("(?:[^"\\]|\\.)*")|\bdata-label="([^"]*)\"""")
+"""A text of a script, a literal of JavaScript and so of JSON; a label of a template"""
+
+
+def messages(page: str) -> dict[str, str]:
+    """The French of what scripts say and of the labels that they set; where there is none yet, they
+    find none, and say the English."""
+    texts = {
+        json.loads(literal) if literal else escapes.unescape(label)
+        for literal, label in SAID.findall(page)
+    }
+    with speaking("fr"):
+        return {text: french for text in sorted(texts) if (french := _(text)) != text}
 
 
 def packed(data: bytes) -> str:
