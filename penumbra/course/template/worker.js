@@ -79,6 +79,8 @@ const CALLS = {
   moments(wasm, { scene, light, receivers, before, domain, rays, weights, grid }) {
     const n = receivers.object.length;
     set_scene(wasm, scene);
+    check({ light }, "light", 0, wasm.scene_lights() - 1);
+    check({ grid }, "grid", 1, 24);
     const heap = new Heap(wasm);
     const made = [rays.length, rays.length * weights.length, rays.length * weights.length]
       .map((count) => ({ place: heap.take(4 * count * n), count: count * n }));
