@@ -499,7 +499,7 @@ BAD_MISTAKES = {
 
 def test_what_cannot_be_rendered_is_refused_and_harms_nothing(chromium: Page) -> None:
     calls = [*(f"render({call})" for call in BAD), *BAD_MISTAKES]
-    *said, nothing, same = asked(
+    *said, nothing, function, same = asked(
         chromium.evaluate,
         f"""
         const quad = scene.quad_lights[0], said = [], size = {{ width: 30, height: 20 }};
@@ -509,10 +509,11 @@ def test_what_cannot_be_rendered_is_refused_and_harms_nothing(chromium: Page) ->
         const before = await picture();
         {"".join(f"said.push(await reason(core.{call}));" for call in calls)}
         said.push(await reason(core.render()));
+        said.push(await reason(core.render(scene, {{ show() {{}} }})));
         return [...said, await picture() === before];""",
     )
     assert said == [*BAD.values(), *BAD_MISTAKES.values()]
-    assert "undefined" in nothing
+    assert "undefined" in nothing and "clone" in function
     assert same is True
 
 
