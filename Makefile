@@ -293,13 +293,15 @@ build/wasm/$(1).wasm: $(2:%=build/wasm/obj-$(1)/%.o)
 endef
 $(eval $(call wasm_build,core,$(addprefix src/,$(filter-out io/% frame/trust,$(C_NAMES))) wasm/core wasm/scene))
 $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_renderer/mistakes/*.c c_renderer/src/core/*.c)) \
-    wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
+    src/packet/packet wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
 
 ## course : the lesson and what a teacher hands out, in French and English: build/course/
 .PHONY: course
 course: build/course/index.html
 
-build/course/index.html: $(WASM) build/bin/penumbra-render $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+# Last of all: the handouts, which are rendered, come before it.
+build/course/index.html: $(WASM) $(RENDER) $(MISTAKES) $(wildcard scenes/*.json) penumbra/grading/rubric.toml \
+    $(wildcard penumbra/*.py penumbra/compare/cpp.py penumbra/course/*.py penumbra/course/*/* penumbra/course/*/*/*)
 	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark

@@ -394,6 +394,31 @@ def test_paint_saves_as_the_lab_does(chromium: Page) -> None:
     assert painted == wanted
 
 
+def test_an_unclamped_picture_wraps_when_painted(
+    chromium: Page, file_of: Callable[[str], Path], plain_mistakes: None
+) -> None:
+    """And no other does."""
+    size = f"{{ width: {WIDTH}, height: {HEIGHT}, nb_light_samples: 4, seed: 3 }}"
+    painted, *wraps = asked(
+        chromium.evaluate,
+        f"""
+        const canvas = document.createElement("canvas");
+        const choices = {{ output: "wrap", scale: "light_twice" }};
+        const frame = await core.mistaken(scene, choices, {size});
+        paint(canvas, frame);
+        const {{ data }} = canvas.getContext("2d").getImageData(0, 0, {WIDTH}, {HEIGHT});
+        return [base64(data), frame.wraps, (await core.mistaken(scene, {{}}, {size})).wraps,
+          (await core.render(scene, {size})).wraps];""",
+    )
+    image = mistaken.render(
+        file_of("tp3"), Variant(output="wrap", scale="light_twice"), (HEIGHT, WIDTH), 4, 1, 3
+    )
+    levels = np.frombuffer(base64.b64decode(painted), np.uint8).reshape(HEIGHT, WIDTH, 4)
+    assert image.max() > 1.1
+    assert np.array_equal(levels[..., :3], (image * 255).astype(int) % 256)
+    assert wraps == [True, False, False]
+
+
 # ---------------------------------------------------------------- requests
 
 

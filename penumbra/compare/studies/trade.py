@@ -37,7 +37,7 @@ from penumbra.compare.run.tasks import (
 from penumbra.compare.scene import Scene, read_scene
 from penumbra.compare.studies import choice
 from penumbra.compare.studies.convergence import FLOOR, mse_floor
-from penumbra.language import N_
+from penumbra.language import N_, speaking
 
 LIGHT_SAMPLES = tuple(2**i for i in range(15))
 """1 to 16384, as far as MAX_SECONDS lets each method go"""
@@ -116,6 +116,7 @@ class TradeStudy:
         return self.out.with_name(self.out.name + suffix)
 
 
+@speaking("en")  # what is recorded, and read by programs
 def trade(study: TradeStudy, scheduler: Scheduler | None = None) -> dict[str, Any]:
     """Measure, choose, try the choice elsewhere; write <out>.csv and <out>.json; return what
     the JSON holds.

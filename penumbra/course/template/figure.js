@@ -343,9 +343,19 @@ function usualReadouts(state, { frame, noise }) {
 
 /* A share of 1 with two digits that mean something. */
 function percent(share) {
-  return share >= 0.0995 ? number(share, ".0%") : share >= 0.00995 ? number(share, ".1%")
-    : share >= 0.0000995 ? number(share, ".2%") : share === 0 ? number(share, ".0%")
-    : number(share, ".1e");
+  return share === 0 ? number(0, ".0%") : share < 0.0000995 ? scale(share) : share < 0.00995 ? number(share, ".2%")
+    : share < 0.0995 ? number(share, ".1%") : number(share, ".0%");
+}
+
+/* Two digits and a power of ten, where a plain number would be long. */
+function scale(value) {
+  if (value === 0 || (Math.abs(value) >= 0.001 && Math.abs(value) < 1e5)) return number(Number(value.toPrecision(2)), ",");
+  const [digits, power] = value.toExponential(1).split("e");
+  return `${number(Number(digits), "")} · 10${superscript(Number(power))}`;
+}
+
+function superscript(integer) {
+  return String(integer).replace(/[-0-9]/g, (c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c]));
 }
 
 function element(name, attributes) {
@@ -372,7 +382,7 @@ class LogPlot {
     const { left, right, top, bottom, width, height } = this;
     const [u, v] = [[x, this.x], [y, this.y]].map(
       ([value, [least, most]]) => (Math.log10(Math.max(value, 1e-30)) - least) / (most - least));
-    return [left + u * (width - left - right), height - bottom - Math.max(-0.02, v) * (height - top - bottom)];
+    return [left + u * (width - left - right), height - bottom - Math.min(1.02, Math.max(-0.02, v)) * (height - top - bottom)];
   }
 
   /* Draws the axes and then what is given: { kind: "line" | "area" | "marks", points, name, mark } */
