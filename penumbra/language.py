@@ -93,8 +93,7 @@ def numbers(values: Iterable[float], unit: float = 1, form: str = ".2g") -> str:
     >>> numbers((51, 0, 25.5), 255)
     '0.2, 0, 0.1'
     """
-    between = "; " if language() == "fr" else ", "
-    return between.join(localised(format(value / unit, form)) for value in values)
+    return _(", ").join(localised(format(value / unit, form)) for value in values)
 
 
 def localised(number: str) -> str:

@@ -245,9 +245,9 @@ def _one_a_stem(handed: Sequence[Handed]) -> tuple[list[Handed], list[str]]:
         if twin is not picture:
             notes.append(
                 say(
-                    "{name} is left out: {name2} is the same picture by its name",
+                    "{name} is left out: {twin} is the same picture by its name",
                     name=picture.name,
-                    name2=twin.name,
+                    twin=twin.name,
                 )
             )
     found = sorted(

@@ -84,29 +84,25 @@ class Grid:
         if self.jittered:
             said.append(("jittered", _("your rays go through a random place of each pixel")))
         if self.cut != scene.ray_max_distance:
-            where = (
-                say("at about {cut:g} m", cut=self.cut)
+            end = (
+                N_("your camera rays end at about {cut:g} m, the scene's at {stated:g} m")
                 if self.cut < 1000
-                else _("at 1 km or farther")
+                else N_("your camera rays end at 1 km or farther, the scene's at {stated:g} m")
             )
-            text = say(
-                "your camera rays end {where}, the scene's at {ray_max_distance:g} m",
-                where=where,
-                ray_max_distance=scene.ray_max_distance,
-            )
+            text = say(end, cut=self.cut, stated=scene.ray_max_distance)
             said.append(("ray_cut", text))
         if self.shift_x or self.shift_y:
             text = say(
-                "your picture is shifted by ({shift_x:g}, {shift_y:g}) pixels",
-                shift_x=self.shift_x,
-                shift_y=self.shift_y,
+                "your picture is shifted by ({x:g}, {y:g}) pixels",
+                x=self.shift_x,
+                y=self.shift_y,
             )
             said.append(("shift", text))
         if self.fov_y_deg != fov:
             text = say(
-                "your camera's field of view is {fov_y_deg:.1f} degrees, the scene's is {fov:g}",
-                fov_y_deg=self.fov_y_deg,
-                fov=fov,
+                "your camera's field of view is {fov:.1f} degrees, the scene's is {stated:g}",
+                fov=self.fov_y_deg,
+                stated=fov,
             )
             said.append(("fov", text))
         if self.moved:
