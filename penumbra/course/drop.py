@@ -39,9 +39,11 @@ def worker() -> str:
 
 
 def catalogue_script() -> str:
-    """The choices of the catalogue, but for those of several lights, which the lab's scene has not."""
+    """The choices of the catalogue, but for those of several lights: the lab's scene has one."""
     choices = [choice for choice in catalogue().choices.values() if choice.module != "lights"]
-    return "const CATALOGUE = [\n" + "".join(f"  {_entry(choice)},\n" for choice in choices) + "];\n"
+    return (
+        "const CATALOGUE = [\n" + "".join(f"  {_entry(choice)},\n" for choice in choices) + "];\n"
+    )
 
 
 def _entry(choice: Choice) -> str:
