@@ -92,8 +92,9 @@ $(eval $(call c_build,build,run,gcc,$(RELEASE)))
 $(eval $(call c_build,build,run,gcc,$(RELEASE) -DPENUMBRA_FLOAT64,-float64))
 $(eval $(call c_build,build/asan,test,gcc,$(CHECKED) -fsanitize=address -fsanitize=undefined))
 $(eval $(call c_build,build/tsan,test,clang,$(CHECKED) -fsanitize=thread -Wno-pass-failed))
-# For any x86-64: valgrind does not know the newest processors' instructions.
-$(eval $(call c_build,build/valgrind,test,gcc,$(CHECKED)))
+# For any processor, in C99's plain arithmetic: valgrind does not know the newest ones' instructions,
+# and a page's module computes the same bits.
+$(eval $(call c_build,build/plain,test,gcc,$(CHECKED) -ffp-contract=off))
 
 ## build : the renderer, build/bin/penumbra-render, and build/lib/libpenumbra.so; and in float64
 .PHONY: build
@@ -110,10 +111,12 @@ build: $(SELF_SHADOW)
 
 # The estimator with the mistakes of the catalogue, in double: a library of its own.
 MISTAKES := build/lib/libmistakes.so
+PLAIN_LIBRARIES := build/plain/lib/libpenumbra.so build/plain/lib/libmistakes.so
 MISTAKES_SOURCES := $(wildcard c_renderer/mistakes/* c_renderer/src/core/*.[ch])
-$(MISTAKES): $(MISTAKES_SOURCES) build/obj-float64/io/scene_json.o Makefile
+$(MISTAKES) build/plain/lib/libmistakes.so: $(MISTAKES_SOURCES) build/obj-float64/io/scene_json.o Makefile
 	@mkdir -p $(@D)
-	gcc $(C_FLAGS) -O3 -march=native -mprefer-vector-width=512 -ffp-contract=fast \
+	gcc $(C_FLAGS) $(if $(findstring /plain/,$@),-O2 -ffp-contract=off,\
+	        -O3 -march=native -mprefer-vector-width=512 -ffp-contract=fast) \
 	    -DPENUMBRA_FLOAT64 -shared $(filter %.c %.o,$^) $(shell pkg-config --libs jansson) -lm \
 	    -o $@.part && mv $@.part $@
 build: $(MISTAKES)
@@ -242,17 +245,25 @@ IMAGES := $(LIGHTS:%=%_small) tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16
           $(foreach name,$(SCENES),$(name)_n$(call most,$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 
+# The first of these that is set says the language, as everywhere; French or English.
+SPOKEN := $(if $(filter fr%,$(firstword $(LANGUAGE) $(LC_ALL) $(LC_MESSAGES) $(LANG))),fr,en)
+
 # The benchmark takes longer than all the rest: the page shows it once it has been run.
-## report : all of the above, measured and explained on one page, build/report/index.html
+## report : all of the above, measured, on one page, build/report/index.html; LANG=fr make report: in French
 .PHONY: report
 report: build/report/index.html
 
-build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
+# There is one, so that the page is made anew where another language is spoken than last time.
+build/report/spoken.$(SPOKEN):
+	@mkdir -p $(@D)
+	rm -f $(@D)/spoken.* && touch $@
+
+build/report/index.html: build/report/spoken.$(SPOKEN) $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
     build/lights/profile.json build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
     $(wildcard build/bench/bench.json) docs/calibration.json \
-    $(wildcard penumbra/*.py penumbra/cli/*.py penumbra/report/*.py penumbra/report/template/*)
-	$(PENUMBRA) report -o $@
+    $(wildcard penumbra/*.py penumbra/cli/*.py penumbra/report/*.py penumbra/report/template/* penumbra/locale/*/*/*.po)
+	$(PENUMBRA) report --lang $(SPOKEN) -o $@
 
 # ---------------------------------------------------------------- the course
 
@@ -264,10 +275,10 @@ WASM := build/wasm/core.wasm build/wasm/mistakes.wasm
 WASM_CC := clang --target=wasm32-wasi -msimd128 -mbulk-memory -mnontrapping-fptoint -msign-ext -std=c99 -O2 \
     -fopenmp-simd -fno-math-errno -ffp-contract=off '-Dsimdlen(any)=simdlen(4)' -Wall -Wextra -Wno-pass-failed \
     -Wno-unknown-pragmas -Ic_renderer/src -Ic_renderer/wasm
-# What clang needs beside the C library stands where its version likes.
+# What clang needs beside the C library stands where its version likes: set-up asks the same way.
 WASM_LD = wasm-ld --no-entry --stack-first -z stack-size=1048576 --strip-all --export=malloc --export=free \
     $^ -L/usr/lib/wasm32-wasi -lc \
-    $$(find "$$(clang --print-resource-dir)/lib/" -path '*wasm32*' -name 'libclang_rt.builtins*.a')
+    $$(find "$$(clang --print-resource-dir)/lib/" -path '*wasm32*' -name 'libclang_rt.builtins*.a' -print -quit)
 
 # Module $(1), of the sources $(2) in c_renderer/, with flags $(3).
 define wasm_build
@@ -282,13 +293,15 @@ build/wasm/$(1).wasm: $(2:%=build/wasm/obj-$(1)/%.o)
 endef
 $(eval $(call wasm_build,core,$(addprefix src/,$(filter-out io/% frame/trust,$(C_NAMES))) wasm/core wasm/scene))
 $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_renderer/mistakes/*.c c_renderer/src/core/*.c)) \
-    wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
+    src/packet/packet wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
 
 ## course : the lesson and what a teacher hands out, in French and English: build/course/
 .PHONY: course
 course: build/course/index.html
 
-build/course/index.html: $(WASM) build/bin/penumbra-render $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+# Last of all: the handouts, which are rendered, come before it.
+build/course/index.html: $(WASM) $(RENDER) $(MISTAKES) $(wildcard scenes/*.json) penumbra/grading/rubric.toml \
+    $(wildcard penumbra/*.py penumbra/compare/cpp.py penumbra/course/*.py penumbra/course/*/* penumbra/course/*/*/*)
 	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark
@@ -359,8 +372,8 @@ PYTHON_FILES := penumbra bench tests
 
 ## test : lint, then every test; installs a browser, clang and valgrind for them if missing
 .PHONY: test
-test: build/setup.test lint build wheel $(BENCH_PROGRAMS) $(foreach kind,asan tsan valgrind,build/$(kind)/bin/penumbra-render) \
-    build/fuzz/bin/scene-reader
+test: build/setup.test lint build wheel $(BENCH_PROGRAMS) $(foreach kind,asan tsan plain,build/$(kind)/bin/penumbra-render) \
+    $(PLAIN_LIBRARIES) $(WASM) build/fuzz/bin/scene-reader
 	.venv/bin/pytest -n auto --maxprocesses 8
 
 NUMBERS_TIMES ?= 20

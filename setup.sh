@@ -103,12 +103,13 @@ int main(void) {
 }'
 }
 
-# What links a module for a page: its flags are the Makefile's.
+# What links a module for a page, as the Makefile does.
 compiles_for_pages() {
     clang --target=wasm32-wasi -x c -c - -o "$probes/module.o" <<<'#include <math.h>
 double f(double x) { return sin(x); }' &&
         wasm-ld --no-entry --export=f "$probes/module.o" -L/usr/lib/wasm32-wasi -lc \
-            "$(clang --print-resource-dir)/lib/wasi/libclang_rt.builtins-wasm32.a" -o "$probes/module.wasm"
+            "$(find "$(clang --print-resource-dir)/lib/" -path '*wasm32*' \
+                -name 'libclang_rt.builtins*.a' -print -quit)" -o "$probes/module.wasm"
 }
 
 has_firefox() { command -v firefox || command -v firefox-esr; }

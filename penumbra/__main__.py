@@ -34,6 +34,7 @@ from penumbra.cli import (
 from penumbra.cli.arguments import help_format
 from penumbra.cli.exit import EXTRA_OF, MISSING, SIGNALLED, USAGE, UsageError
 from penumbra.compare.run.provenance import VERSION, how_to_install
+from penumbra.language import LANGUAGES, of_environment, speaking
 
 SUBCOMMANDS = (
     *(scene, reference, exact, compare, check, grade, export, calibrate, png),
@@ -53,6 +54,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Without arguments those of the process are meant, which ends afterwards: SIGINT and SIGTERM
     no longer change its exit status then.
     """
+    with speaking(_language(arguments)):
+        return _run(arguments)
+
+
+def _language(arguments: Sequence[str] | None) -> str:
+    """What --lang says, else the environment: known before the first word is said."""
+    early = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    early.add_argument("--lang", nargs="?")
+    asked = early.parse_known_args(arguments)[0].lang
+    return asked if asked in LANGUAGES else of_environment()
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     if sys.stdout is None:  # closed, by `>&-`: what is printed then fails, rather than vanish
         sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
     stopped_by: list[int] = []

@@ -12,6 +12,7 @@ import os
 import string
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,12 @@ LANGUAGES = ("en", "fr")
 LOCALE = Path(__file__).resolve().parent / "locale"
 NO_BREAK = "\u00a0"
 """What French puts before : ; ! ? % and inside « »"""
-_spoken = "en"
+_spoken = ContextVar("spoken", default="en")
 
 
 def language() -> str:
     """The one that is spoken now, of LANGUAGES."""
-    return _spoken
+    return _spoken.get()
 
 
 def of_environment(environment: Mapping[str, str] = os.environ) -> str:
@@ -35,28 +36,25 @@ def of_environment(environment: Mapping[str, str] = os.environ) -> str:
     ('fr', 'en')
     """
     for name in ("LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG"):
-        for wanted in environment.get(name, "").split(":"):
-            if wanted[:2] in LANGUAGES:
-                return wanted[:2]
-            if wanted:
-                return "en"
+        if value := environment.get(name):
+            return next((w[:2] for w in value.split(":") if w[:2] in LANGUAGES), "en")
     return "en"
 
 
 @contextmanager
 def speaking(chosen: str) -> Iterator[None]:
-    """In this language, of LANGUAGES, in all threads."""
-    global _spoken
-    before, _spoken = _spoken, chosen
+    """In this language, of LANGUAGES, in this thread: others, of a worker that is asked by several
+    people, may speak another."""
+    before = _spoken.set(chosen)
     try:
         yield
     finally:
-        _spoken = before
+        _spoken.reset(before)
 
 
 def _(text: str) -> str:
     """The text in the language that is spoken now; as it is where nobody has translated it."""
-    return _catalogue(_spoken).gettext(text) if text else text
+    return _catalogue(language()).gettext(text) if text else text
 
 
 def N_(text: str) -> str:
@@ -95,7 +93,7 @@ def localised(number: str) -> str:
     ...     localised("1.5"), localised("20%")
     ('1,5', '20\\xa0%')
     """
-    if _spoken != "fr":
+    if language() != "fr":
         return number
     number = number.replace(",", NO_BREAK).replace(".", ",")
     return number.replace("%", NO_BREAK + "%")

@@ -18,6 +18,10 @@ STRESS = int(os.environ.get("PENUMBRA_STRESS", "1"))
 """How many times its usual number of cases a test of many runs; `make stress` sets it."""
 ROOT = Path(__file__).resolve().parent.parent
 
+for variable in ("LANGUAGE", "LC_ALL", "LC_MESSAGES"):  # what is said depends on no developer's
+    os.environ.pop(variable, None)
+os.environ["LANG"] = "C.UTF-8"
+
 
 def built(product: str) -> Path:
     path = ROOT / "build" / product

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from penumbra.report.build import TEMPLATES, Rendered, rendered
+from penumbra.report.build import TEMPLATES, Rendered, rendered, spoken
 from penumbra.report.inputs import Data, read_inputs
 from penumbra.report.sections import SECTIONS, Section, inputs_of
 from tests.conftest import ROOT
@@ -55,7 +55,7 @@ def section_page(name: str, build_dir: Path, folder: Path) -> Iterator[Page]:
     file.write_text(
         f'<!doctype html><html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,">'
         f"<title>t</title><style>{css}</style><main>{shown.html}</main>"
-        f"<script>{shown.script}</script></html>"
+        f"<script>{spoken(shown.script)}</script><script>{shown.script}</script></html>"
     )
     complaints: list[str] = []
     with browser() as started:

@@ -17,8 +17,9 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Dialog, Page
 
+from penumbra.compare.check import explanation
 from penumbra.compare.check.catalogue import Variant, catalogue
-from penumbra.compare.check.checking import Checked, check
+from penumbra.compare.check.checking import Checked, check, verdict_json
 from penumbra.compare.check.diagnosis import FreeLight
 from penumbra.compare.check.expected import mistaken_picture, right_picture, unexplained
 from penumbra.compare.check.explanation import observations
@@ -111,7 +112,7 @@ def opened(browser: Browser, file: Path, width: int, complaints: list[str]) -> P
     own = ("data:", "blob:", file.as_uri())
     tab.on("request", lambda r: None if r.url.startswith(own) else complaints.append(r.url[:80]))
     tab.goto(file.as_uri())
-    tab.wait_for_function("Number(document.getElementById('comparer').dataset.drawn || 0) > 0")
+    tab.locator("#comparer[data-drawn]:not([data-drawn='0'])").wait_for()
     return tab
 
 
@@ -179,6 +180,26 @@ def test_a_lower_hint_hides_what_the_terminal_hides(
     if hint < 2:
         assert not [m.title for m in catalogue().mistakes.values() if m.title in said]
         assert mistake.name not in html
+
+
+@pytest.mark.parametrize("hint", range(4))
+def test_a_verdict_links_to_the_museum_where_it_names_the_mistake(
+    hint: int, folder: Path, wrong: Checked
+) -> None:
+    """Page, text and JSON, if it is known where the course is."""
+    course = "https://example.org/course/"
+    (name,) = wrong.verdict.mistakes
+    link = f"{course}#mistake-{name}"
+    file = folder / "linked.html"
+    write_page(file, wrong, hint, course)
+    said = explanation.text(wrong.verdict, hint, course)
+    found = verdict_json(wrong, hint, course)
+    assert (f'href="{link}"' in file.read_text()) == (link in said.split()) == (hint >= 2)
+    shown = {n: f"{course}#mistake-{n}" for n in (name, *wrong.verdict.perhaps)}
+    assert found.get("exhibits") == (shown if hint >= 2 else None)
+    if hint < 2:
+        assert name not in said + file.read_text() + str(found)
+    assert "mistake-" not in html_of(folder, wrong, hint) + explanation.text(wrong.verdict, hint)
 
 
 def test_who_is_not_accused_is_not_named(folder: Path, wrong: Checked) -> None:

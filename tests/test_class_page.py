@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import unquote
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Dialog, Page
+from playwright.sync_api import Browser, BrowserContext, Dialog, Page, expect
 
 from penumbra.compare.check.catalogue import catalogue
 from penumbra.compare.check.explanation import observations, title
@@ -275,9 +275,7 @@ def test_filters_by_mistake_verdict_and_name_work_together(
     page.fill("[name=text]", "nobody")
     assert shown(page) == [] and page.inner_text("#state").startswith(f"0 of {COUNT}")
     page.get_by_role("button", name="Show all").click()
-    page.wait_for_function(
-        f"document.querySelectorAll('#class tbody:not([hidden])').length == {COUNT}"
-    )
+    expect(page.locator("#class tbody:not([hidden])")).to_have_count(COUNT)
     assert page.inner_text("#state") == f"{COUNT} of {COUNT} submissions"
     assert page.get_attribute("#state", "role") == "status"
 
@@ -514,6 +512,24 @@ def test_a_sheet_with_hint_1_says_where_to_look_and_no_mistake(folder: Path, roo
         assert not [said for said in OBSERVED if said in sheet]
         others = [o["id"] for o in room["submissions"] if o["id"] != s["id"]]
         assert not [name for name in others if name in whole]
+
+
+@pytest.mark.parametrize("hint", range(4))
+def test_the_museum_of_mistakes_is_linked_to_whom_it_may_be(hint: int, tmp_path: Path) -> None:
+    """The instructor's page always, a sheet where it names the mistake; none if it is nowhere."""
+    mistakes = ("no_light_cosine", "area_omitted")
+    made = [submission("Marie", mistakes, hint), submission("Jean", ("unknown",), hint)]
+    course = "https://example.org/course/"
+    write_class(tmp_path, grades(made, hint), course)
+    links = {f'href="{course}#mistake-{name}"' for name in mistakes}
+    pages = {f: f.read_text() for f in tmp_path.rglob("*.html")}
+    for file, html in pages.items():
+        told = file.name == "index.html" or (hint >= 2 and file.name != "Jean.html")
+        linked = set(re.findall(r'href="[^"]*#mistake-[^"]*"', html))
+        assert linked == (links if told else set()), file
+        assert course in html or not told
+    write_class(tmp_path, grades(made, hint))
+    assert not [f for f in pages if "#mistake-" in f.read_text()]
 
 
 def test_a_sheets_points_are_a_sum_that_can_be_read(folder: Path, room: dict[str, Any]) -> None:

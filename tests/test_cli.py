@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import doctest
 import json
 import os
@@ -20,6 +21,7 @@ import PIL.Image
 import pytest
 
 from penumbra.cli import arguments as cli_arguments
+from penumbra.cli.exit import UsageError
 from penumbra.compare.exact.image import exact_image
 from penumbra.compare.measure.image import Image, read_image, write_exr
 from penumbra.compare.scene import dump_scene, read_scene
@@ -257,6 +259,28 @@ def test_stopped_converge_says_where_its_results_are(
     assert not list(tmp_path.glob("x*"))
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+def test_the_courses_address_is_a_url_or_a_page_that_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The option's before the environment's; a folder's index.html; no fragment of its own."""
+    parser = argparse.ArgumentParser()
+    cli_arguments.add_course(parser)
+
+    def address(*arguments: str) -> str:
+        return cli_arguments.course_of(parser.parse_args(arguments))
+
+    monkeypatch.delenv("PENUMBRA_COURSE", raising=False)
+    assert address() == address("--course", "") == ""
+    page = tmp_path / "index.html"
+    page.touch()
+    monkeypatch.setenv("PENUMBRA_COURSE", "https://example.org/c/#top")
+    assert address() == "https://example.org/c/"
+    assert address("--course", str(tmp_path)) == address("--course", str(page)) == page.as_uri()
+    for wrong in ("javascript:alert(1)", str(tmp_path / "elsewhere"), "data:text/html,x"):
+        with pytest.raises(UsageError):
+            address("--course", wrong)
 
 
 def test_doctests_hold() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from penumbra.compare.check import mistaken, quadrature
-from penumbra.compare.check.catalogue import MODULES, RIGHT, Variant, catalogue
+from penumbra.compare.check.catalogue import MODULES, RIGHT, STUDENTS, Variant, catalogue
 from penumbra.compare.check.grid import Grid
 from penumbra.compare.check.mistaken import choice_id, render
 from penumbra.compare.check.moments import Moments
@@ -224,7 +224,9 @@ def test_the_catalogue_of_python_is_that_of_c() -> None:
     table = catalogue()
     assert len(table.mistakes) >= 30
     for mistake in table.mistakes.values():
-        assert all(vars(mistake).values()), mistake.name
+        texts = [value for key, value in vars(mistake).items() if key != "seen"]
+        assert all(texts) and mistake.look.endswith("?"), mistake.name
+        assert 0 <= mistake.seen <= STUDENTS, mistake.name
     under = {choice.mistake for choice in table.choices.values()} - {""}
     assert under == set(table.mistakes)
     numbers = {choice_id(c.module, c.name) for c in table.choices.values()}

@@ -159,8 +159,15 @@ def page(browser: Browser, page_file: Path) -> Iterator[Page]:
 
 
 def _drawn(tab: Page, at_least: int) -> None:
-    tab.wait_for_function(
-        "n => Number(document.getElementById('comparer').dataset.drawn || 0) >= n", arg=at_least
+    """wait_for_function() would ask again by eval, which the page's policy forbids."""
+    tab.evaluate(
+        """n => new Promise(done => {
+            const comparer = document.getElementById("comparer");
+            const look = () => Number(comparer.dataset.drawn || 0) >= n
+                ? done() : requestAnimationFrame(look);
+            look();
+        })""",
+        at_least,
     )
 
 

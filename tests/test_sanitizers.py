@@ -18,7 +18,7 @@ ARCHER = sorted(Path("/usr/lib").glob("llvm-*/lib/libarcher.so"))
 def checked() -> dict[str, Path]:
     """The program built for each checker, by `make`."""
     programs = {name: ROOT / "build" / name / "bin/penumbra-render"
-                for name in ("asan", "tsan", "valgrind")}  # fmt: skip
+                for name in ("asan", "tsan", "plain")}  # fmt: skip
     for name, program in programs.items():
         assert program.exists(), f"run `make build/{name}/bin/penumbra-render`"
     return programs
@@ -65,7 +65,7 @@ def test_valgrind_finds_no_error_and_no_leak(
     run = subprocess.run(
         ["valgrind", "--quiet", "--error-exitcode=99", "--leak-check=full",
          "--errors-for-leak-kinds=definite", "--show-leak-kinds=definite",
-         str(checked["valgrind"]), str(scenes / "tp3.json"),
+         str(checked["plain"]), str(scenes / "tp3.json"),
          "-o", output or str(tmp_path / "a.exr"), *SMALL],
         capture_output=True, text=True, timeout=300,
     )  # fmt: skip

@@ -107,9 +107,10 @@ def test_every_sweep_has_a_chart_an_example_and_a_paragraph_on_its_cause(
         assert json.loads(str(example.nth(1).text_content())) == sweep["example"]["scene"]
         for command in sweep["example"]["commands"]:
             assert command in str(example.first.text_content())
-    for cause in CAUSES:
-        paragraph = page.locator(f"#stability-{cause} + p")
-        assert len(str(paragraph.text_content())) > 100
+    for cause, (title, text) in CAUSES.items():
+        fold = page.locator(f"#stability-{cause}")
+        assert str(fold.locator("summary").first.text_content()).startswith(title)
+        assert fold.locator("> p").text_content() == text
 
 
 def test_hostile_words_are_shown_and_not_run(page: Page) -> None:

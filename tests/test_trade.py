@@ -557,7 +557,7 @@ def test_the_section_states_answers_trials_and_slopes(
     assert f"{slope['slope']:.3f}".replace("-", "−") in text
     shown = [strip for strip in result["strips"].values() if strip]
     pictures = sum(len(strip) + 1 for strip in shown)  # and the exact one beside each strip
-    assert page.locator("#figure-11 img").count() == pictures
+    assert page.locator("#figure-9 img").count() == pictures
 
 
 def test_hostile_words_are_shown_and_not_run(page: Page) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
+from urllib.parse import urlsplit
 
 from penumbra.cli.exit import UsageError
 
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     from penumbra.compare.run.tasks import Scheduler
 
 from penumbra.compare.run.provenance import ROOT
+from penumbra.language import LANGUAGES
 
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
@@ -124,6 +127,26 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=scene_path, metavar="SCENE", help=SCENE_FILES)
 
 
+def add_course(parser: argparse.ArgumentParser, default: str = "") -> None:
+    parser.add_argument(
+        "--course", metavar="ADDRESS",
+        help="the course's page (make course), to whose museum of mistakes verdicts link: a URL, "
+        f"file or folder [$PENUMBRA_COURSE{default}]",
+    )  # fmt: skip
+
+
+def course_of(options: argparse.Namespace) -> str:
+    """The address of the course's page, as a URL; "" if there is none. Raises UsageError."""
+    given = options.course if options.course is not None else os.environ.get("PENUMBRA_COURSE", "")
+    scheme = urlsplit(given).scheme
+    if not given or scheme in ("http", "https", "file"):
+        return str(given).partition("#")[0]
+    file = Path(given) / "index.html" if Path(given).is_dir() else Path(given)
+    if not file.is_file():
+        raise UsageError(f"course {given}: neither a URL (http, https, file) nor a page's file")
+    return file.resolve().as_uri()
+
+
 def add_out(parser: argparse.ArgumentParser, metavar: str, parse: Callable[[str], Path]) -> None:
     parser.add_argument("-o", "--out", type=parse, required=True, metavar=metavar)
 
@@ -142,6 +165,15 @@ def add_cycles(parser: argparse.ArgumentParser, default: str) -> None:
 def add_size(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--width", type=positive, metavar="W", help=f"pixels [{default}]")
     parser.add_argument("--height", type=positive, metavar="H", help="pixels, with --width")
+
+
+def add_language(parser: argparse.ArgumentParser) -> None:
+    """--lang, which main() speaks in."""
+    parser.add_argument(
+        "--lang",
+        choices=LANGUAGES,
+        help="language of what is said [that of LANGUAGE, LC_ALL, LC_MESSAGES or LANG, else en]",
+    )
 
 
 def add_scheduler(parser: argparse.ArgumentParser, jobs: bool = True) -> None:

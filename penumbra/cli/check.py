@@ -11,14 +11,19 @@ from penumbra.cli.arguments import (
     SCENE_FILES,
     SCENES,
     Subcommands,
+    add_course,
+    add_language,
     add_subcommand,
+    course_of,
     positive,
     scene_path,
     seconds,
 )
 from penumbra.cli.exit import CANNOT_TELL, FAIL, PASS, UsageError
 from penumbra.compare.run.output import named
+from penumbra.compare.run.provenance import ROOT
 
+MADE = ROOT / "build" / "course" / "index.html"
 EXIT = {"right": PASS, "wrong": FAIL, "cannot tell": CANNOT_TELL}
 
 
@@ -66,8 +71,10 @@ def add(subcommands: Subcommands) -> None:
         help="how much to give away: 0 the verdict, 1 where to look, 2 the mistake and the step, "
         "3 all [3]",
     )  # fmt: skip
+    add_course(parser, ", or build/course where it is made")
     parser.add_argument("--json", type=named(".json"), metavar="OUT.json", help="every figure")
     parser.add_argument("--html", type=named(".html"), metavar="OUT.html", help="as a page")
+    add_language(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -77,6 +84,7 @@ def run(options: argparse.Namespace) -> int:
 
     if bool(options.images) == bool(options.renderer):
         raise UsageError("give either images or --renderer COMMAND")
+    course = course_of(options) or (MADE.as_uri() if MADE.is_file() else "")
     if options.renderer:
         if options.light_samples or options.pixel_samples or options.scene != "tp3":
             raise UsageError("--renderer chooses scenes and samples itself")
@@ -90,15 +98,15 @@ def run(options: argparse.Namespace) -> int:
     else:
         scene_file = scene_named(options.scene)
         checked = check(options.images, scene_file, options.light_samples, options.pixel_samples)
-    print(text(checked.verdict, options.hint), end="")
+    print(text(checked.verdict, options.hint, course), end="")
     if options.json:
         from penumbra.compare.run.output import write_json
 
-        write_json(options.json, verdict_json(checked, options.hint))
+        write_json(options.json, verdict_json(checked, options.hint, course))
     if options.html:
         from penumbra.report.check_page import write_page
 
-        write_page(options.html, checked, options.hint)
+        write_page(options.html, checked, options.hint, course)
     return EXIT[checked.verdict.verdict]
 
 

@@ -12,6 +12,7 @@ EXTRA_OF = {
     "bpy": "cycles",
     **dict.fromkeys(("colour", "flip_evaluator"), "perceptual"),
     **dict.fromkeys(("cryptography", "dask", "distributed"), "class"),
+    **dict.fromkeys(("latex2mathml", "markdown_it", "typst"), "course"),
     **dict.fromkeys(("jinja2", "markupsafe", "matplotlib"), "report"),
 }
 """Modules that do not come with every use, and the extra of pyproject.toml that brings them"""

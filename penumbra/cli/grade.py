@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from penumbra.cli.arguments import (
     Subcommands,
+    add_course,
+    add_language,
     add_scheduler,
     add_subcommand,
+    course_of,
     positive,
     scheduler_of,
     seconds,
@@ -70,6 +73,8 @@ def add(subcommands: Subcommands) -> None:
         help="how much students are told: 0 the verdict, 1 where to look, 2 the mistake and the "
         "step, 3 all [1]",
     )  # fmt: skip
+    add_course(parser)
+    add_language(parser)
     add_scheduler(parser)
     parser.add_argument(
         "--time-threads", action="store_true",
@@ -101,6 +106,7 @@ def run(options: argparse.Namespace) -> int:
     out: Path = options.out
     if out.exists() and not out.is_dir():
         raise UsageError(f"-o {out}: is no folder, and the results are one")
+    course = course_of(options)
     scheduler = scheduler_of(options)
     rubric_file: Path = options.rubric or SHIPPED
     rubric = read_rubric(rubric_file)
@@ -117,7 +123,7 @@ def run(options: argparse.Namespace) -> int:
             bar.update(done - bar.n)
 
         grades = grade_class(found, asked, out, scheduler, options.jobs, progress)
-    write_class(out, grades)
+    write_class(out, grades, course)
     print(summary(grades), end="")
     if any(one["kind"] == "program" for one in grades["submissions"]):
         cage = find_cage(options.trust)

@@ -214,7 +214,10 @@ def read_lesson(file: Path, language: str) -> Lesson:
         return ValueError(f"{file}:{line}: {reason}")
 
     def html(part: Sequence[Token]) -> Markup:
-        return Markup(markdown.renderer.render(list(part), markdown.options, {}))
+        said = markdown.renderer.render(list(part), markdown.options, {})
+        # No line begins with the full stop of a formula.
+        unbroken = r'(<math[^>]*display="inline">(?:(?!</math>).)*</math>\u00a0?[.,;:?!)]+)'
+        return Markup(re.sub(unbroken, r'<span class="unbroken">\1</span>', said))
 
     sections = _sections(tokens)
     if not sections or sections[0][0] != 1:

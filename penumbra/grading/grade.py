@@ -506,7 +506,7 @@ def _text(
 def _evidence(checked: Checked) -> dict[str, Any]:
     """Every figure, without what differs from machine to machine."""
     whole = verdict_json(checked, 3)
-    del whole["origin"]
+    del whole["origin"], whole["exhibits"]
     for picture in whole["pictures"]:
         picture.pop("seconds", None)
     whole["excluded"] = list(checked.diagnosis.excluded)

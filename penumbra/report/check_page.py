@@ -15,6 +15,7 @@ from penumbra.compare.check.expected import mistaken_picture, right_picture, une
 from penumbra.compare.check.explanation import (
     confidence,
     detection,
+    exhibits,
     explained,
     headline,
     noise_only,
@@ -29,7 +30,7 @@ from penumbra.compare.check.words import WORDS
 from penumbra.compare.run.output import write_whole
 from penumbra.compare.run.provenance import origin
 from penumbra.report import figures
-from penumbra.report.build import asset, environment
+from penumbra.report.build import asset, environment, spoken
 
 WHERE, NAME, ALL = 1, 2, 3
 """Hints, as of compare.check.verdict.text: from which one a part of the page is shown"""
@@ -41,19 +42,22 @@ MOST_PIXELS = 300_000
 """Of a picture in the comparer: three of them keep the page below 3 MB"""
 
 
-def write_page(file: Path, checked: Checked, hint: int) -> None:
+def write_page(file: Path, checked: Checked, hint: int, course: str = "") -> None:
     """One file that needs no network. hint: 0 the verdict, 1 where to look, 2 the mistake's name,
-    3 all of it. Raises OSError, MissingProgramError."""
+    3 all of it; course: address of the course's page, if any. Raises OSError, MissingProgramError.
+    """
     page = environment().get_template("check_page.html.j2")
+    script = asset("compare.js")
     html = page.render(
         css=Markup("").join(map(asset, ("page.css", "check_page.css"))),
-        script=asset("compare.js"),
-        **_content(checked, hint),
+        words=spoken(script),
+        script=script,
+        **_content(checked, hint, course),
     )
     write_whole(file, lambda part: part.write_text(html, encoding="utf-8"))
 
 
-def _content(checked: Checked, hint: int) -> dict[str, Any]:
+def _content(checked: Checked, hint: int, course: str) -> dict[str, Any]:
     found, diagnosis = checked.verdict, checked.diagnosis
     lead = checked.lead
     wrong = found.verdict == WRONG
@@ -66,7 +70,7 @@ def _content(checked: Checked, hint: int) -> dict[str, Any]:
         "scene": found.scene,
         "look": _look(checked) if wrong and hint == WHERE else None,
         "observed": observations(found) if seen and found.verdict != RIGHT_ else [],
-        "causes": _causes(checked, hint) if explains else [],
+        "causes": _causes(checked, hint, course) if explains else [],
         "several": WORDS["several"] if explains and found.several else "",
         "alike": [titles(names) for names in found.alike] if wrong and hint >= ALL else [],
         "runners": _runners(checked) if wrong and hint >= ALL else [],
@@ -95,18 +99,19 @@ def _look(checked: Checked) -> dict[str, Any]:
     return {"text": WORDS["hint"].format(where=what), "steps": list(dict.fromkeys(steps))}
 
 
-def _causes(checked: Checked, hint: int) -> list[dict[str, Any]]:
+def _causes(checked: Checked, hint: int, course: str) -> list[dict[str, Any]]:
     found = checked.verdict
-    causes = [_cause(name, checked, hint) for name in found.mistakes]
+    causes = [_cause(name, checked, hint, course) for name in found.mistakes]
     if found.perhaps and UNKNOWN not in found.mistakes:
         causes += [
-            _cause(name, checked, hint) | {"title": f"{WORDS['perhaps']} {explained(name).title}"}
+            _cause(name, checked, hint, course)
+            | {"title": f"{WORDS['perhaps']} {explained(name).title}"}
             for name in found.perhaps
         ]
     return causes
 
 
-def _cause(name: str, checked: Checked, hint: int) -> dict[str, Any]:
+def _cause(name: str, checked: Checked, hint: int, course: str) -> dict[str, Any]:
     found = checked.verdict
     if name == UNKNOWN:
         text = unknown(found)
@@ -118,6 +123,7 @@ def _cause(name: str, checked: Checked, hint: int) -> dict[str, Any]:
             "formula": None,
             "reread": "",
             "look": "",
+            "exhibit": "",
         }
     mistake = explained(name)
     return {
@@ -127,6 +133,7 @@ def _cause(name: str, checked: Checked, hint: int) -> dict[str, Any]:
         "formula": _formula(mistake) if hint >= ALL else None,
         "reread": mistake.step,
         "look": mistake.look if hint >= ALL else "",
+        "exhibit": exhibits([name], course)[name] if course else "",
     }
 
 

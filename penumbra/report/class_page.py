@@ -15,10 +15,11 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from penumbra.compare.check.catalogue import catalogue
+from penumbra.compare.check.explanation import exhibits, title
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG
 from penumbra.compare.run.output import write_whole
 from penumbra.report.build import asset, environment
-from penumbra.report.check_page import TONES, WHERE
+from penumbra.report.check_page import NAME, TONES, WHERE
 from penumbra.report.words import digits
 
 FAILED = "failed"
@@ -46,17 +47,19 @@ RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 GENERATOR = b'<meta name="generator" content="Penumbra '
 
 
-def write_class(out: Path, grades: dict[str, Any]) -> None:
+def write_class(out: Path, grades: dict[str, Any], course: str = "") -> None:
     """OUT/index.html for the instructor, OUT/sheets/NAME.html for each student, and all of these in
     OUT/sheets.html, to print at once; each one file that needs no network.
 
     grades: as grades.json has them, "penumbra-grades/1". Sheets say no more than its hint allows:
     of hint 0 points and results only, of others also the text and the reasons, which are at that
-    level. Sheets of an earlier run go, where no such student is left. Raises OSError.
+    level. course: address of the course's page, if any: the page, and sheets of hint 2 and more,
+    link to its museum of mistakes. Sheets of an earlier run go, where no such student is left.
+    Raises OSError.
     """
     submissions = grades["submissions"]
     names = file_names([s["id"] for s in submissions])
-    sheets = [_sheet(s, grades["hint"]) for s in submissions]
+    sheets = [_sheet(s, grades["hint"], course) for s in submissions]
     shared = {
         "css": Markup("").join(map(asset, ("page.css", "class_page.css"))),
         "rubric": seen(grades["rubric"]),
@@ -69,7 +72,7 @@ def write_class(out: Path, grades: dict[str, Any]) -> None:
     for submission, sheet in zip(submissions, sheets, strict=True):
         _write(out / "sheets" / names[submission["id"]], of_sheets.render(shared, sheets=[sheet]))
     _write(out / "sheets.html", of_sheets.render(shared, sheets=sheets))
-    content = _content(grades, names) | {"script": script, "script_hash": _hash(script)}
+    content = _content(grades, names, course) | {"script": script, "script_hash": _hash(script)}
     _write(out / "index.html", page.render(shared, **content))
     _remove_others(out / "sheets", set(names.values()))
 
@@ -147,7 +150,7 @@ def seen(value: Any) -> Any:
 # The sheets
 
 
-def _sheet(submission: dict[str, Any], hint: int) -> dict[str, Any]:
+def _sheet(submission: dict[str, Any], hint: int, course: str) -> dict[str, Any]:
     """Of a submission, what its student may read."""
     failed = submission["status"] == FAILED
     clean = seen(submission)
@@ -158,12 +161,19 @@ def _sheet(submission: dict[str, Any], hint: int) -> dict[str, Any]:
         "headline": clean["problem"]["text"] if failed else said[0][0]["text"],
         "printed": _printed(submission, MOST_PRINTED),
         "said": said[1:] if hint >= WHERE else [],
+        "exhibits": _exhibits(clean, course) if hint >= NAME else [],
         "long": sum(map(len, said)) > MOST_LINES,
         "points": clean["points"],
         "of": clean["of"],
         "claims": [_claim(claim, hint >= WHERE, clean["headline"]) for claim in clean["claims"]],
         "pictures": [_picture(picture) for picture in clean["pictures"]],
     }
+
+
+def _exhibits(submission: dict[str, Any], course: str) -> list[dict[str, str]]:
+    """What its mistakes are called, with the address of each in the museum of mistakes."""
+    shown = exhibits(submission["mistakes"], course) if course else {}
+    return [{"title": title(name), "address": address} for name, address in shown.items()]
 
 
 def _verdict(submission: dict[str, Any]) -> str:
@@ -214,10 +224,10 @@ def _picture(picture: dict[str, Any]) -> dict[str, Any]:
 # The page
 
 
-def _content(grades: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
+def _content(grades: dict[str, Any], names: dict[str, str], course: str) -> dict[str, Any]:
     """names: of the sheets' files, by id"""
     claims = [claim["id"] for claim in grades["rubric"]["claims"]]
-    rows = [_row(i, s, claims, names[s["id"]]) for i, s in enumerate(grades["submissions"])]
+    rows = [_row(i, s, claims, names[s["id"]], course) for i, s in enumerate(grades["submissions"])]
     anchors = {s["id"]: row for s, row in zip(grades["submissions"], rows, strict=True)}
     counts = Counter(row["verdict"] for row in rows)
     most = max((len(m["submissions"]) for m in grades["mistakes"]), default=1)
@@ -269,7 +279,7 @@ def _same(submissions: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
 
 
 def _row(
-    place: int, submission: dict[str, Any], claims: Sequence[str], file: str
+    place: int, submission: dict[str, Any], claims: Sequence[str], file: str, course: str
 ) -> dict[str, Any]:
     """claims: ids, in the order of the columns; file: of its sheet"""
     clean = seen(submission)
@@ -305,6 +315,7 @@ def _row(
         "same": clean["same_as"],
         "perhaps": [_titles([name]) for name in clean["perhaps"]],
         "alike": [_titles(names) for names in clean["alike"]],
+        "exhibits": _exhibits(clean, course),
         **_evidence(clean["evidence"] or {}),
         "file": file,
         "link": "sheets/" + quote(file),

@@ -22,6 +22,8 @@ FILE = ROOT / "c_renderer" / "mistakes" / "catalogue.def"
 MODULES = ("domain", "visibility", "weight", "scale", "lights", "average", "clamp", "output",
            "colour", "generator")  # fmt: skip
 """In the order of C's enum Module"""
+STUDENTS = 27
+"""Public repositories of the lab that were built, rendered and read to count mistakes"""
 RIGHT = "std"
 SPLIT = "SPLIT"
 _ENTRY = re.compile(r"^([A-Z]+)\(", re.M)
@@ -33,7 +35,7 @@ _FUNCTIONS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is said of a mistake: the texts of its MISTAKE entry, in English."""
+    """What is said of a mistake: its MISTAKE entry, in English."""
 
     name: str
     title: str
@@ -43,7 +45,19 @@ class Mistake:
     step: str
     """place in the handout"""
     look: str
-    """how to see it"""
+    """the question that finds it"""
+    seen: int
+    """how many of STUDENTS programs had it; 0: none, or not known"""
+
+    @property
+    def anchor(self) -> str:
+        """Of its exhibit in the museum of the course's page."""
+        return f"mistake-{self.name}"
+
+    @property
+    def usual(self) -> bool:
+        """Most had it."""
+        return self.seen > STUDENTS / 2
 
 
 @dataclass(frozen=True)

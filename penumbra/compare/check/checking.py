@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from penumbra.compare.check.diagnosis import FINE_GRID, Diagnosis, diagnose
-from penumbra.compare.check.explanation import observations
+from penumbra.compare.check.explanation import exhibits, observations
 from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.picture import Picture, counts_in_name, read_picture
 from penumbra.compare.check.prediction import surface_lights
@@ -181,11 +181,12 @@ def check_renderer(
     return Checked(found, diagnosis, grids, file, examined)
 
 
-def verdict_json(checked: Checked, hint: int = 3) -> dict[str, Any]:
-    """All of it, for machines; less of it with a lower hint."""
+def verdict_json(checked: Checked, hint: int = 3, course: str = "") -> dict[str, Any]:
+    """All of it, for machines; less of it with a lower hint. course: as of explanation.exhibits."""
     found = checked.verdict
     whole = asdict(found)
     whole["variant"] = {k: v for k, v in whole["variant"].items() if v not in ("std", 1.0)}
+    whole["exhibits"] = exhibits((*found.mistakes, *found.perhaps), course)
     whole["observed"] = observations(found)
     whole["pictures"] = [
         {
@@ -212,6 +213,6 @@ def verdict_json(checked: Checked, hint: int = 3) -> dict[str, Any]:
     if hint < 3:
         keep = ["verdict", "confidence", "facts", "settle", "pictures", "origin"]
         keep += ["observed"] if hint > 0 else []
-        keep += ["mistakes", "perhaps", "several", "regions"] if hint > 1 else []
+        keep += ["mistakes", "perhaps", "exhibits", "several", "regions"] if hint > 1 else []
         whole = {key: whole[key] for key in keep}
     return whole

@@ -26,6 +26,13 @@ def titles(names: Sequence[str]) -> str:
     return " + ".join(title(name) for name in names) or "no mistake"
 
 
+def exhibits(names: Sequence[str], course: str = "") -> dict[str, str]:
+    """Where the museum of mistakes shows them, by name; course: address of the course's page, from
+    which these are relative if it is not known."""
+    known = catalogue().mistakes
+    return {name: f"{course}#{known[name].anchor}" for name in names if name in known}
+
+
 def observations(found: Verdict) -> list[str]:
     """What the picture shows, in the student's terms: the parts that are off, the worst first."""
     said: list[tuple[float, str]] = []
@@ -67,9 +74,9 @@ def rounded_odds(odds: float) -> str:
     return f"{odds:.0f}" if odds < 1e4 else f"10^{math.log10(odds):.0f}"
 
 
-def text(found: Verdict, hint: int = 3) -> str:
+def text(found: Verdict, hint: int = 3, course: str = "") -> str:
     """The verdict for a terminal. hint: 0 verdict, 1 where to look, 2 the handout's step and the
-    mistake's name, 3 the formula and the evidence."""
+    mistake's name, 3 the formula and the evidence. course: address of the course's page, if any."""
     lines = [headline(found)]
     if found.verdict != CANNOT_TELL:
         lines[0] += f" ({confidence(found)})"
@@ -83,7 +90,7 @@ def text(found: Verdict, hint: int = 3) -> str:
             lines += [f"  {step}" for step in dict.fromkeys(
                 explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
         else:
-            lines += _explanation(found, hint, seen)
+            lines += _explanation(found, hint, seen, course)
     elif seen and found.verdict == CANNOT_TELL and "geometry" not in dict(found.facts):
         lines += ["", WORDS["observed"], *(f"  {line}" for line in seen)]
     if found.facts:
@@ -125,7 +132,8 @@ def unknown(found: Verdict) -> str:
     return WORDS[where].format(loose=found.loose)
 
 
-def _explanation(found: Verdict, hint: int, seen: list[str]) -> list[str]:
+def _explanation(found: Verdict, hint: int, seen: list[str], course: str) -> list[str]:
+    shown = exhibits(found.mistakes, course) if course else {}
     lines = ["", WORDS["observed"], *(f"  {line}" for line in seen)] if seen else []
     lines += ["", WORDS["several" if found.several else "cause"]]
     for name in found.mistakes:
@@ -144,6 +152,8 @@ def _explanation(found: Verdict, hint: int, seen: list[str]) -> list[str]:
         lines.append(f"    {WORDS['reread'].format(step=mistake.step)}")
         if hint >= 3:
             lines.append(f"    {WORDS['look'].format(look=mistake.look)}")
+        if name in shown:
+            lines.append(f"    {WORDS['exhibit'].format(address=shown[name])}")
     if found.perhaps and UNKNOWN not in found.mistakes:
         lines += ["", f"{WORDS['perhaps']} {titles(found.perhaps)}"]
     if hint >= 3:

@@ -55,6 +55,7 @@ WORDS: dict[str, str] = {
     "ours": "right ",
     "reread": "Reread: {step} of the handout; docs/estimator.md.",
     "look": "To see it: {look}",
+    "exhibit": "In the museum of mistakes: {address}",
     "command": "The right picture beside yours: {command}",
     "runners": "Other explanations:",
     "odds": "{odds} to 1 against: {titles}",

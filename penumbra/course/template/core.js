@@ -12,6 +12,7 @@
  *                  pixel sample of a pixel whose centre shows a surface; 0 of "exact". Where no
  *                  light can come from or nothing can hide it, C may do without casting them
  *   background     what a pixel is that shows no surface [W m^-2 sr^-1]
+ *   wraps          whether who made it saves it unclamped, so that 8 bits wrap around
  */
 class Core {
   /* Rejects where there is no WebAssembly, or no worker starts. */
@@ -57,7 +58,7 @@ class Core {
   /* mistakes_moments of mistakes.h: what a sample of scene's light number `light` brings on average
    * to receivers { point, normal, right, down: Float64Array, object: Int32Array }. Names of a
    * domain, of rays and of weights. { chance, first, second }: Float32Arrays. Frames go first. */
-  moments(scene, light, receivers, domain, rays, weights, grid) {
+  async moments(scene, light, receivers, domain, rays, weights, grid) {
     const AT_ONCE = 128, n = receivers.object.length, parts = [];
     for (let before = 0; before < n; before += AT_ONCE) {
       const part = (array, size) => array.slice(size * before, size * (before + AT_ONCE));
@@ -84,7 +85,7 @@ class Core {
     return this.#run({ name: "mistakes", patient: true, parts, done });
   }
 
-  #picture(name, call, scene, also, wanted, client) {
+  async #picture(name, call, scene, also, wanted, client) {
     const settings = {
       ...scene.image, nb_light_samples: 64, samples_per_pixel: 1, seed: 0, sampler: "independent",
       estimator: "area", position_x: 0.5, position_y: 0.5, divisor: 0, ...wanted,
@@ -107,6 +108,7 @@ class Core {
         width, height, radiance, background: asked.scene.background,
         milliseconds: Math.max(...answers.map((answer) => answer.milliseconds)),
         shadow_rays: answers.reduce((sum, answer) => sum + answer.shadow_rays, 0),
+        wraps: answers[0].wraps ?? false,
       };
     } });
   }
@@ -155,7 +157,12 @@ class Core {
       job.missing--;
     }
     this.#deal();
-    if (job.missing === 0) job.resolve(job.done(job.answers));
+    if (job.missing > 0) return;
+    try {
+      job.resolve(job.done(job.answers));
+    } catch (error) {
+      job.reject(error); // no memory for the whole
+    }
   }
 
   #fail(error) {
@@ -180,13 +187,13 @@ const coreReady = Core.open();
 coreReady.catch(() => {});
 
 /* On a canvas, as the lab saves a picture: clamped to [0, 1], times 255, truncated, no gamma. */
-function paint(canvas, { width, height, radiance }) {
+function paint(canvas, { width, height, radiance, wraps }) {
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const image = new ImageData(width, height), pixels = width * height;
   for (let c = 0; c < 3; c++) {
     for (let i = 0; i < pixels; i++) {
-      const value = radiance[c * pixels + i];
-      image.data[4 * i + c] = value > 0 ? Math.min(255, Math.fround(255 * value)) | 0 : 0;
+      const value = radiance[c * pixels + i], level = value > 0 ? Math.fround(255 * value) : 0;
+      image.data[4 * i + c] = wraps ? level & 255 : Math.min(255, level) | 0;
     }
   }
   for (let i = 0; i < pixels; i++) image.data[4 * i + 3] = 255;

@@ -382,7 +382,7 @@ class LogPlot {
     const { left, right, top, bottom, width, height } = this;
     const [u, v] = [[x, this.x], [y, this.y]].map(
       ([value, [least, most]]) => (Math.log10(Math.max(value, 1e-30)) - least) / (most - least));
-    return [left + u * (width - left - right), height - bottom - Math.max(-0.02, v) * (height - top - bottom)];
+    return [left + u * (width - left - right), height - bottom - Math.min(1.02, Math.max(-0.02, v)) * (height - top - bottom)];
   }
 
   /* Draws the axes and then what is given: { kind: "line" | "area" | "marks", points, name, mark } */

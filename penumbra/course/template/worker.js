@@ -59,17 +59,21 @@ const CALLS = {
     }
     set_scene(wasm, scene);
     const heap = new Heap(wasm);
-    const chosen = MODULES.map((name) => heap.choice(name, choices[name] ?? "std"));
+    const chosen = heap.put(
+      Int32Array.from(MODULES, (name) => heap.choice(name, choices[name] ?? "std")));
+    const wraps = Boolean(wasm.saved_wrapped(chosen));
     const start = performance.now();
     const pixels = in_memory(wasm.mistaken_rows(
-      heap.put(Int32Array.from(chosen)), ...picture(settings), position_x, position_y, divisor,
+      chosen, ...picture(settings), position_x, position_y, divisor,
       first, step));
     const milliseconds = performance.now() - start;
     heap.free();
     const rgb = new Float32Array(wasm.memory.buffer, pixels, 3 * width * height);
-    return rows_of(wasm, scene, settings, first, step, milliseconds, (out, c, y) => {
+    const made = rows_of(wasm, scene, settings, first, step, milliseconds, (out, c, y) => {
       for (let x = 0; x < width; x++) out[x] = rgb[3 * (y * width + x) + c];
     });
+    made.result.wraps = wraps;
+    return made;
   },
 
   moments(wasm, { scene, light, receivers, before, domain, rays, weights, grid }) {
