@@ -11,7 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from penumbra.compare.check.catalogue import SPLIT, Choice, catalogue
-from penumbra.compare.check.words import WORDS
+from penumbra.compare.check.words import OBJECTS, WORDS
 from penumbra.compare.run.provenance import ROOT
 from penumbra.language import _, speaking
 
@@ -97,7 +97,12 @@ def _translated(node: ast.expr) -> str:
 def texts() -> list[str]:
     """What a verdict may hold: the words of `penumbra check`, and what is said of each mistake."""
     mistakes = [asdict(mistake) for mistake in catalogue().mistakes.values()]
-    return [*WORDS.values(), *(said[key] for said in mistakes for key in SAID if said[key])]
+    objects = [text for texts in OBJECTS.values() for text in texts]
+    return [
+        *WORDS.values(),
+        *objects,
+        *(said[key] for said in mistakes for key in SAID if said[key]),
+    ]
 
 
 def drop(build_dir: Path) -> dict[str, Any]:
@@ -110,6 +115,12 @@ def drop(build_dir: Path) -> dict[str, Any]:
     with speaking("fr"):
         messages = {text: french for text in texts() if (french := _(text)) != text}
     return {
-        "data": {"scenes": scenes, "words": WORDS, "mistakes": mistakes, "messages": messages},
+        "data": {
+            "scenes": scenes,
+            "words": WORDS,
+            "objects": OBJECTS,
+            "mistakes": mistakes,
+            "messages": messages,
+        },
         "worker": Markup(worker()),
     }
