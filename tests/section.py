@@ -67,7 +67,8 @@ def english_left(page: str) -> list[str]:
         for text in texts()
         for piece in re.split(r"%\(\w+\)s|\{[^}]*\}", words_of(text.replace("%%", "%")))
     }
-    return sorted(piece for piece in pieces if len(piece.split()) > 3 and piece in said)
+    long = [piece for piece in pieces if len(re.findall(r"[A-Za-z]{2,}", piece)) > 3]
+    return sorted(piece for piece in long if piece in said)
 
 
 def section(name: str) -> Section:
