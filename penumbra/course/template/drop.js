@@ -80,7 +80,7 @@ function countsInName(name) {
     aspect: (v) => say("your picture is stretched horizontally, by {aspect:.2f}", v),
     flip_x: () => say("your picture is mirrored, left for right"),
     flip_y: () => say("your picture is upside down"),
-    transfer: (v) => say("your picture went through a curve ({curve}); the lab saves linear values", v),
+    transfer: (v) => say("your picture went through a curve ({curve}); the lab saves linear values", { curve: say(v.curve) }),
     no_background: () => say("your picture shows no background where the scene has it"),
     background: (v) => say("your picture's background is ({mine}), the scene's is ({want})", { mine: listed(v.mine), want: listed(v.want) }),
     colours: ({ object, colour, stated }) => word("colours", { ...placed(object), colour: listed(colour), stated: listed(stated) }),
@@ -136,7 +136,7 @@ function countsInName(name) {
   }
 
   function detection(found) {
-    const brightness = say("{brightness:.2g}%", { brightness: 100 * found.detectableBrightness });
+    const brightness = localised(formatted(100 * found.detectableBrightness, ".2g") + "%");
     if (found.lightSamples === 1 || found.detectableSamples < 1) return word("detectable_mean", { brightness });
     return word("detectable", { brightness, samples: Math.ceil(found.detectableSamples), n: found.lightSamples });
   }
@@ -171,7 +171,7 @@ function countsInName(name) {
     } else if (found.verdict === "wrong") {
       if (seen.length) add(word("observed"), lines(seen));
       add(word(found.several ? "several" : "cause"), ...found.mistakes.map((name) => mistake(name, found, hint)));
-      if (found.perhaps.length && !found.mistakes.includes(UNKNOWN)) parts.push(made("p", {}, `${word("perhaps")} ${titles(found.perhaps)}`));
+      if (found.perhaps.length && !found.mistakes.includes(UNKNOWN)) parts.push(made("p", {}, word("perhaps") + " " + titles(found.perhaps)));
       if (hint >= 3 && found.alike.length) parts.push(made("p", {}, word("alike", { titles: found.alike.map(titles).join(say("; ")) })));
       if (hint >= 3 && found.runnersUp.length && !found.mistakes.includes(UNKNOWN)) {
         const odds = (value) => (value < 1e4 ? number(value, ".0f") : `10^${Math.round(Math.log10(value))}`);
@@ -226,7 +226,7 @@ function countsInName(name) {
       paint(mistaken, await core.mistaken(scene, choices, {
         width, height, nb_light_samples: Math.min(found.lightSamples, 256), samples_per_pixel: Math.min(found.pixelSamples, 4), position_x: place, position_y: place, divisor,
       }));
-      panes.push(pane(mistaken, () => say("A program with this mistake"), () => say("What a program with this mistake makes")));
+      panes.push(pane(mistaken, () => say("What explains yours best: a program with what is named above"), () => say("What a program with these mistakes makes")));
     }
     return made("div", { className: "pictures" }, ...panes);
   }
