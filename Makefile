@@ -121,6 +121,20 @@ $(MISTAKES) build/plain/lib/libmistakes.so: $(MISTAKES_SOURCES) build/obj-float6
 	    -o $@.part && mv $@.part $@
 build: $(MISTAKES)
 
+# ---------------------------------------------------------------- languages
+
+# What Penumbra says in French.
+FRENCH := penumbra/locale/fr/LC_MESSAGES/penumbra.mo
+%.mo: %.po | build/setup.run
+	.venv/bin/pybabel --quiet compile --input-file $< --output-file $@.part && mv $@.part $@
+build: $(FRENCH)
+
+## words : gather what is to be translated in penumbra/locale/*/*/*.po; docs/translating.md
+.PHONY: words
+words: build/setup.run
+	.venv/bin/python -P -m penumbra.translation
+	@$(MAKE) --no-print-directory $(FRENCH)
+
 # ---------------------------------------------------------------- the experiment
 
 PENUMBRA := .venv/bin/penumbra
@@ -245,17 +259,25 @@ IMAGES := $(LIGHTS:%=%_small) tp3_n4_m1 tp3_n4_m16 tp3_n64_m1 $(foreach n,1 4 16
           $(foreach name,$(SCENES),$(name)_n$(call most,$(name))_m1)
 PAIRS  := $(foreach pair,c_exact cycles_exact c_cycles,$(SCENES:%=%_$(pair)))
 
+# The first of these that is set says the language, as everywhere; French or English.
+SPOKEN := $(if $(filter fr%,$(firstword $(LANGUAGE) $(LC_ALL) $(LC_MESSAGES) $(LANG))),fr,en)
+
 # The benchmark takes longer than all the rest: the page shows it once it has been run.
-## report : all of the above, measured and explained on one page, build/report/index.html
+## report : all of the above, measured, on one page, build/report/index.html; LANG=fr make report: in French
 .PHONY: report
 report: build/report/index.html
 
-build/report/index.html: $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
+# There is one, so that the page is made anew where another language is spoken than last time.
+build/report/spoken.$(SPOKEN):
+	@mkdir -p $(@D)
+	rm -f $(@D)/spoken.* && touch $@
+
+build/report/index.html: $(FRENCH) build/report/spoken.$(SPOKEN) $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
     build/lights/profile.json build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
     $(wildcard build/bench/bench.json) docs/calibration.json \
-    $(wildcard penumbra/*.py penumbra/cli/*.py penumbra/report/*.py penumbra/report/template/*)
-	$(PENUMBRA) report -o $@
+    $(wildcard penumbra/*.py penumbra/cli/*.py penumbra/report/*.py penumbra/report/template/* penumbra/locale/*/*/*.po)
+	$(PENUMBRA) report --lang $(SPOKEN) -o $@
 
 # ---------------------------------------------------------------- the course
 
@@ -291,7 +313,9 @@ $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_rende
 .PHONY: course
 course: build/course/index.html
 
-build/course/index.html: $(WASM) build/bin/penumbra-render $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+# Last of all: the handouts, which are rendered, come before it.
+build/course/index.html: $(FRENCH) $(WASM) $(RENDER) $(MISTAKES) $(wildcard scenes/*.json) penumbra/grading/rubric.toml \
+    $(wildcard penumbra/*.py penumbra/compare/cpp.py penumbra/course/*.py penumbra/course/*/* penumbra/course/*/*/*)
 	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark

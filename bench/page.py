@@ -1,5 +1,5 @@
 """The tables of docs/performance.md, between its two markers; the words around them are written
-by hand."""
+by hand. The report shows them too, in the language that is spoken there."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 from bench.law import seconds_of
 from bench.results import FAST
 from penumbra.compare.run.output import write_whole
+from penumbra.language import _, localised, say
 
 BEGIN = "<!-- measured by `make bench`: begin -->"
 END = "<!-- measured by `make bench`: end -->"
@@ -41,14 +42,18 @@ class Table:
     """Markdown"""
     words: int = 0
     """so many columns at the end are words, as the first is; the others are numbers"""
+    english: Sequence[int] = ()
+    """columns that bench.results worded, in English"""
 
 
 def all_tables(result: Result) -> list[Table]:
     """Ratios first."""
     return [
         _targets(result),
-        _compared(result, f"Render time at equal N, as a multiple of `{FAST}`", ratios=True),
-        _compared(result, "Render time at equal N [ms]", ratios=False),
+        _compared(
+            result, say("Render time at equal N, as a multiple of `{fast}`", fast=FAST), ratios=True
+        ),
+        _compared(result, _("Render time at equal N [ms]"), ratios=False),
         *_times_to_error(result),
         _errors(result),
         _threads(result),
@@ -92,14 +97,14 @@ def number(value: float | None, digits: int = 3) -> str:
         return "0"
     rounded = float(f"{value:.{digits - 1}e}")
     if abs(rounded) >= 10 ** (digits - 1):
-        return f"{rounded:,.0f}"
+        return localised(f"{rounded:,.0f}")
     if abs(rounded) < 1e-4:
-        return f"{rounded:.1e}"
+        return localised(f"{rounded:.1e}")
     whole = len(str(int(abs(rounded)))) if abs(rounded) >= 1 else 0
     leading = 0
     while abs(rounded) * 10**leading < 0.1 and whole == 0:
         leading += 1
-    return f"{rounded:.{digits - whole + leading}f}"
+    return localised(f"{rounded:.{digits - whole + leading}f}")
 
 
 def _ms(seconds: float | None) -> str:
@@ -110,13 +115,20 @@ def about(result: Result) -> str:
     """Machine, versions and how it was measured."""
     machine, versions = result["machine"], result["versions"]
     listed = ", ".join(f"{name} {version}" for name, version in versions.items())
-    return (
-        f"{machine['processor']}, {result['threads']} cores used, {machine['system']}; "
-        f"{result['date']}. {listed}. {result['scene']} at {result['width']}×{result['height']}, "
-        f"{result['threads']} threads, medians of {result['rounds']} interleaved rounds. Load "
-        f"average before the start: {result['load']:.2f} (0 is a machine at rest). Stolen "
-        f"by a virtual machine's host: {100 * result['stolen']:.1f}% of the cores' time. "
-        f"Whole run: {result['minutes']:.1f} minutes. Command: `make bench`."
+    size = f"{result['width']}×{result['height']}"
+    return say(
+        "{processor}, {threads} cores used, {system}; {date}. {versions}. {scene} at {size}, "
+        "{threads} threads, medians of {rounds} interleaved rounds. Load average before the "
+        "start: {load:.2f} (0 is a machine at rest). Stolen by a virtual machine's host: "
+        "{stolen:.1%} of the cores' time. Whole run: {minutes:.1f} minutes. Command: `make bench`.",
+        processor=machine["processor"],
+        system=machine["system"],
+        versions=listed,
+        size=size,
+        **{
+            key: result[key]
+            for key in ("threads", "date", "scene", "rounds", "load", "stolen", "minutes")
+        },
     )
 
 
@@ -125,20 +137,21 @@ def _targets(result: Result) -> Table:
         if row[key] is None:
             return "–"
         unit = row["unit"]
-        return number(row[key]) + ({"×": " ×", "%": "%", "": ""}.get(unit, f" {unit}"))
+        return number(row[key]) + localised({"×": " ×", "%": "%", "": ""}.get(unit, f" {unit}"))
 
     def verdict(row: Result) -> str:
-        return {True: "yes", False: "**no**", None: "not measured"}[row["met"]]
+        return {True: _("yes"), False: "**" + _("no") + "**", None: _("not measured")}[row["met"]]
 
     return Table(
-        "Targets",
-        ["what", "at least", "stretch", "reached", "met", "bound by"],
+        _("Targets"),
+        [_("what"), _("at least"), _("stretch"), _("reached"), _("met"), _("bound by")],
         [
             [row["what"], *(value(row, k) for k in ("at_least", "stretch", "reached")),
              verdict(row), row["bound_by"]]
             for row in result["targets"]
         ],
         words=2,
+        english=(0, 5),
     )  # fmt: skip
 
 
@@ -157,7 +170,7 @@ def _compared(result: Result, title: str, ratios: bool) -> Table:
             else:
                 cells.append(_ms(seconds))
         rows.append([f"`{name}`", *cells])
-    return Table(title, ["system", *(f"N = {n}" for n in result["compared"])], rows)
+    return Table(title, [_("system"), *(f"N = {n}" for n in result["compared"])], rows)
 
 
 def _times_to_error(result: Result) -> list[Table]:
@@ -171,15 +184,16 @@ def _times_to_error(result: Result) -> list[Table]:
                 f"`{row['system']}`",
                 number(row["seconds"] / best),
                 _ms(row["seconds"]),
-                f"{row['light_samples']:,.0f}",
+                localised(f"{row['light_samples']:,.0f}"),
                 number(row["relative_rmse"]),
-                "measured" if row["measured"]
-                else "extrapolated" if row["beyond"] else "interpolated",
+                _("measured") if row["measured"]
+                else _("extrapolated") if row["beyond"] else _("interpolated"),
             ]
             for row in found
         ]  # fmt: skip
-        head = ["system", "ratio", "ms", "N", "error at that N", "time is"]
-        parts.append(Table(f"Time to a relative error of {target:.1%}", head, rows, words=1))
+        head = [_("system"), _("ratio"), "ms", "N", _("error at that N"), _("time is")]
+        title = say("Time to a relative error of {target:.1%}", target=target)
+        parts.append(Table(title, head, rows, words=1))
     return parts
 
 
@@ -195,8 +209,8 @@ def _errors(result: Result) -> Table:
         slope = result["slopes"][name]
         cells = [number(errors.get(n)) for n in counts]
         rows.append([f"`{name}`", number(slope["all"]), number(slope["lit"]), *cells])
-    head = ["system", "slope, all", "slope, lit", *(f"N = {n}" for n in counts)]
-    return Table("Error against N", head, rows)
+    head = [_("system"), _("slope, all"), _("slope, lit"), *(f"N = {n}" for n in counts)]
+    return Table(_("Error against N"), head, rows)
 
 
 def _threads(result: Result) -> Table:
@@ -211,8 +225,8 @@ def _threads(result: Result) -> Table:
             cells.append(number(one / many if one and many else None))
         if any(cell != "–" for cell in cells):
             rows.append([f"`{name}`", *cells])
-    head = f"1 thread / {result['threads']} threads"
-    return Table("Threads", [head, *(f"N = {n}" for n in result["compared"])], rows)
+    head = say("1 thread / {threads} threads", threads=result["threads"])
+    return Table(_("Threads"), [head, *(f"N = {n}" for n in result["compared"])], rows)
 
 
 def _sizes(result: Result) -> Table:
@@ -230,8 +244,8 @@ def _sizes(result: Result) -> Table:
         if any(cell != "–" for cell in cells):
             rows.append([f"`{name}`", *cells])
     samples = measured[0]["light_samples"] if measured else 0
-    head = f"ns a pixel, N = {samples}"
-    return Table("Image size", [head, *(f"{w}×{h}" for w, h in sizes)], rows)
+    head = say("ns a pixel, N = {samples}", samples=samples)
+    return Table(_("Image size"), [head, *(f"{w}×{h}" for w, h in sizes)], rows)
 
 
 def _processes(result: Result) -> Table:
@@ -239,7 +253,8 @@ def _processes(result: Result) -> Table:
     found.sort(key=lambda r: float(r["seconds"]))
     rows = [[r["system"], _ms(r["seconds"]), _ms(r["low"]), _ms(r["high"])] for r in found]
     samples = found[0]["light_samples"] if found else 0
-    return Table("Whole processes", [f"process, N = {samples}", "ms", "smallest", "largest"], rows)
+    head = [say("process, N = {samples}", samples=samples), "ms", _("smallest"), _("largest")]
+    return Table(_("Whole processes"), head, rows)
 
 
 def _peak(result: Result) -> Table:
@@ -248,15 +263,16 @@ def _peak(result: Result) -> Table:
             str(p["threads"]),
             number(2e-9 * p["fma_per_second"]),
             number(1e-9 * p["divisions_per_second"]),
-            f"{p['light_samples']:,}",
+            localised(f"{p['light_samples']:,}"),
             number(1e-9 * p["samples_per_second"]),
-            f"{p['fma_share']:.0%}",
-            f"{p['division_share']:.0%}",
+            localised(f"{p['fma_share']:.0%}"),
+            localised(f"{p['division_share']:.0%}"),
         ]
         for p in result["peak"]
     ]
     head = [
-        "threads", "FMA peak [GFLOP/s]", "division peak [G/s]", "N",
-        f"samples of `{FAST}` [G/s]", "share of FMA peak", "share of division peak",
+        _("threads"), _("FMA peak [GFLOP/s]"), _("division peak [G/s]"), "N",
+        say("samples of `{fast}` [G/s]", fast=FAST), _("share of FMA peak"),
+        _("share of division peak"),
     ]  # fmt: skip
-    return Table("Peak", head, rows)
+    return Table(_("Peak"), head, rows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from penumbra.cli.arguments import Subcommands, add_subcommand
+from penumbra.cli.arguments import Subcommands, add_language, add_subcommand
 from penumbra.cli.exit import PASS
 from penumbra.compare.run.output import named
 from penumbra.compare.run.provenance import ROOT
@@ -30,6 +30,7 @@ def add(subcommands: Subcommands) -> None:
         metavar="OUT.html",
         help="the page [DIR/report/index.html]",
     )
+    add_language(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -10,8 +10,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from penumbra.compare.check.catalogue import SPLIT, Choice, catalogue
-from penumbra.compare.check.words import WORDS
+from penumbra.compare.check.catalogue import SPLIT, TEXTS, Choice, catalogue
+from penumbra.compare.check.picture import NAMES
+from penumbra.compare.check.words import OBJECTS, WORDS
 from penumbra.compare.run.provenance import ROOT
 from penumbra.language import _, speaking
 
@@ -19,8 +20,6 @@ TEMPLATES = Path(__file__).resolve().parent / "template" / "check"
 SCRIPTS = ("numbers", "picture", "grid", "view", "prediction", "diagnosis", "verdict", "check")
 """What the check's worker runs, in this order, after the catalogue"""
 SCENES = ("tp3", "tp3_statement")
-SAID = ("title", "cause", "wrong", "right", "step", "look")
-"""Of a mistake, to a student"""
 PARAMETERS = {"domain": "a, b", "scale": "n, area, norms", "average": "n, i", "colour": "c"}
 """Of the modules whose expressions the page evaluates; the library of mistakes has the others"""
 _FUNCTIONS = {"where": "where", "pow": "Math.pow", "cos": "Math.cos", "exp": "Math.exp",
@@ -39,9 +38,11 @@ def worker() -> str:
 
 
 def catalogue_script() -> str:
-    """The choices of the catalogue, but for those of several lights, which the lab's scene has not."""
+    """The choices of the catalogue, but for those of several lights: the lab's scene has one."""
     choices = [choice for choice in catalogue().choices.values() if choice.module != "lights"]
-    return "const CATALOGUE = [\n" + "".join(f"  {_entry(choice)},\n" for choice in choices) + "];\n"
+    return (
+        "const CATALOGUE = [\n" + "".join(f"  {_entry(choice)},\n" for choice in choices) + "];\n"
+    )
 
 
 def _entry(choice: Choice) -> str:
@@ -94,20 +95,28 @@ def _translated(node: ast.expr) -> str:
 
 def texts() -> list[str]:
     """What a verdict may hold: the words of `penumbra check`, and what is said of each mistake."""
-    mistakes = [asdict(mistake) for mistake in catalogue().mistakes.values()]
-    return [*WORDS.values(), *(said[key] for said in mistakes for key in SAID if said[key])]
+    mistakes = catalogue().mistakes.values()
+    objects = [text for pair in OBJECTS.values() for text in pair]
+    said = [getattr(mistake, field) for mistake in mistakes for field in TEXTS]
+    return [*WORDS.values(), *objects, *NAMES, *said]
 
 
 def drop(build_dir: Path) -> dict[str, Any]:
     """What the template finds under `drop`."""
     scenes = {name: json.loads((ROOT / "scenes" / f"{name}.json").read_text()) for name in SCENES}
     mistakes = {
-        name: {key: getattr(mistake, key) for key in SAID}
+        name: {key: getattr(mistake, key) for key in TEXTS}
         for name, mistake in catalogue().mistakes.items()
     }
     with speaking("fr"):
         messages = {text: french for text in texts() if (french := _(text)) != text}
     return {
-        "data": {"scenes": scenes, "words": WORDS, "mistakes": mistakes, "messages": messages},
+        "data": {
+            "scenes": scenes,
+            "words": WORDS,
+            "objects": OBJECTS,
+            "mistakes": mistakes,
+            "messages": messages,
+        },
         "worker": Markup(worker()),
     }

@@ -19,7 +19,7 @@ from penumbra.compare.check.mistaken import render
 from penumbra.compare.cpp import cpp_scene
 from penumbra.compare.exact.image import exact_image, regions, shade
 from penumbra.compare.exact.receivers import Receivers
-from penumbra.compare.measure.image import Image
+from penumbra.compare.measure.image import Image, write_display
 from penumbra.compare.measure.metrics import relative_rmse, rmse
 from penumbra.compare.run.output import write_whole
 from penumbra.compare.run.provenance import ROOT, VERSION
@@ -29,6 +29,9 @@ from penumbra.grading.rubric import read_rubric
 from penumbra.language import LANGUAGES, N_
 
 SOURCES = Path(__file__).resolve().parent / "handout"
+NOTEBOOK = Path(__file__).resolve().parent / "notebook" / "penumbra.ipynb"
+SERIES, SEEDS = (1, 4, 16, 64, 256), 8
+"""Light samples of the notebook's images, and how many there are of each"""
 SCENES = ROOT / "scenes"
 DOCUMENTS = ("handout", "notes")
 FIGURES = ("1", "2", "3", "4")
@@ -118,13 +121,13 @@ def numbers(rendered: Mapping[str, Image], images: Path) -> dict[str, Any]:
         }
 
     def noise(n: int, m: int) -> float:
-        """Relative, by what differs between two seeds."""
+        """Relative as error's, by what differs between two seeds."""
         options = f"--light-samples {n} --pixel-samples {m} --seed"
         one, other = (
             Picture(f"n{n}_m{m}_s{seed}", SOFT.scene, f"{options} {seed}").render(images).radiance
             for seed in (1, 2)
         )
-        return rmse(one, other, penumbra) / 2**0.5 / float(exact[penumbra].mean())
+        return rmse(one, other, penumbra) / 2**0.5 / rmse(exact, np.zeros_like(exact), penumbra)
 
     rubric = read_rubric()
     return {
@@ -211,7 +214,23 @@ def other_scenes() -> list[dict[str, str]]:
 
 
 def write_notebook(folder: Path) -> None:
-    pass
+    """The notebook, and in images/ what it reads. Raises MissingProgramError, OSError."""
+    _write(folder / NOTEBOOK.name, NOTEBOOK.read_bytes())
+    images = folder / "images"
+    (images / "series").mkdir(parents=True, exist_ok=True)
+    for n in (16, 256):
+        options = f"--light-samples {n} --seed 1 --width 300 --height 200"
+        Picture(f"n{n}", SOFT.scene, options).render(images)
+    for n in SERIES:
+        for seed in range(1, SEEDS + 1):
+            # A seed of its own for each: images of two N that share one are not independent.
+            options = f"--light-samples {n} --seed {1000 * n + seed} --width 90 --height 60"
+            Picture(f"n{n}_s{seed}", SOFT.scene, options).render(images / "series")
+    tp3 = SCENES / "tp3.json"
+    wrong = replace(Variant(), weight="cos_of_cos_receiver")
+    for name, variant in (("right", Variant()), ("wrong", wrong)):
+        radiance = render(tp3, variant, (200, 300), 16, 1, seed=1)
+        write_display(images / name / "n16_m1.png", radiance)
 
 
 def _write(file: Path, data: bytes) -> None:

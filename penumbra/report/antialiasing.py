@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from penumbra.compare.exact.image import LIT
+from penumbra.language import N_, _, say
 from penumbra.report import figures
 from penumbra.report.comparer import link
 from penumbra.report.convergence import point_of
@@ -29,11 +30,11 @@ from penumbra.report.pictures import (
     label_of,
     samples_of,
 )
-from penumbra.report.words import digits, interval, percent, size_of
+from penumbra.report.words import digits, interval, percent, plain, region_title, size_of
 
 
 def antialiasing(data: Data) -> dict[str, Any]:
-    """Figure 8 and the measured answer to the handout's question."""
+    """Figure 6 and the measured answer to the handout's question."""
     settings = ((FEW, 1), (FEW, PIXEL_SAMPLES), (FEW * PIXEL_SAMPLES, 1))
     files = [image_file("tp3", n, m) for n, m in settings]
     regions = ("penumbra", "lit")
@@ -49,13 +50,23 @@ def antialiasing(data: Data) -> dict[str, Any]:
                 "seconds": digits(points[0]["seconds"]),
             }
         )
-    titles = [{"title": f"{r}, relative RMSE", "unit": "[interval]"} for r in regions]
+    titles = [
+        {"title": say("{region}, relative RMSE", region=region_title(r)), "unit": _("[interval]")}
+        for r in regions
+    ]
     return {
         "figure": figure_of([_picture(data, file) for file in files]),
-        "regions": [*titles, {"title": "umbra, RMSE", "unit": "W m⁻² sr⁻¹, largest seed"}],
+        "regions": [
+            *titles,
+            {"title": _("umbra, RMSE"), "unit": _("W m⁻² sr⁻¹, largest seed")},
+        ],
         "rows": rows,
         "answer": _answer(data, settings),
-        "scene": f"{data[CONVERGENCE]['scene']} at {size_of(data[CONVERGENCE])}",
+        "scene": say(
+            "{scene} at {size}",
+            scene=data[CONVERGENCE]["scene"],
+            size=size_of(data[CONVERGENCE]),
+        ),
         "confidence": percent(data[CONVERGENCE]["curves"][0]["confidence"]),
         "link": link(data, files[1], files[2], "split"),
         "command": data[CONVERGENCE]["command"],
@@ -78,7 +89,7 @@ def _answer(data: Data, settings: Sequence[tuple[int, int]]) -> dict[str, Any]:
     off, on, equal = (point_of(data, "penumbra", n, m)["rmse"] for n, m in settings)
     return {
         "pixel_samples": PIXEL_SAMPLES,
-        "expected": f"{math.sqrt(PIXEL_SAMPLES):g}",
+        "expected": plain(f"{math.sqrt(PIXEL_SAMPLES):g}"),
         "off": digits(off),
         "on": digits(on),
         "gain": digits(off / on),
@@ -95,10 +106,16 @@ def _with_interval(point: dict[str, Any]) -> str:
 def _picture(data: Data, file: str) -> dict[str, Any]:
     image = data.images[file]
     pixels = figures.displayed(image.radiance)
-    what = f"Scene tp3, {label_of(image)}"
+    penumbra, outline = (
+        say(text, label=label_of(image))
+        for text in (
+            N_("Scene tp3, {label}: the penumbra enlarged"),
+            N_("Scene tp3, {label}: the outline enlarged"),
+        )
+    )
     return {
-        "detail": detail(pixels, edge_crop(data, file), f"{what}: the penumbra enlarged"),
-        "edge": detail(pixels, _outline_crop(data, file), f"{what}: the outline enlarged"),
+        "detail": detail(pixels, edge_crop(data, file), penumbra),
+        "edge": detail(pixels, _outline_crop(data, file), outline),
         "caption": samples_of(image),
         "facts": facts_of(image),
         "command": command_of(data, file),

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jinja2
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from penumbra.compare.run.output import write_whole
 from penumbra.compare.run.provenance import VERSION
+from penumbra.language import _, language
 from penumbra.report.header import INPUTS as HEADER_INPUTS
 from penumbra.report.header import header
 from penumbra.report.inputs import Data, Input, ReportError, read_inputs, unusable
@@ -22,7 +25,8 @@ TEMPLATES = Path(__file__).resolve().parent / "template"
 
 
 def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
-    """Write the page `out` from the files of SECTIONS' inputs in build_dir.
+    """Write the page `out`, in the language that is spoken, from the files of SECTIONS' inputs in
+    build_dir.
 
     Raises ReportError for an input that is missing or unusable (naming it and the command
     that makes it), SceneError, and OSError if `out` cannot be written.
@@ -32,7 +36,8 @@ def build(build_dir: Path, out: Path, scenes_dir: Path) -> None:
     template = environment().get_template("page.html.j2")
     html = template.render(
         header=_built(header, HEADER_INPUTS, data),
-        sections=rendered(SECTIONS, data),
+        sections=(shown := rendered(SECTIONS, data)),
+        words=spoken(*(s.script for s in shown)),
         css=Markup("").join(map(asset, styles)),
     )
     write_whole(out, lambda part: part.write_text(html, encoding="utf-8"))
@@ -58,7 +63,7 @@ def rendered(sections: Sequence[Section], data: Data) -> list[Rendered]:
         return Markup(template.render({s.name: _built(s.build, s.inputs, data)}))
 
     there = [s for s in sections if _is_there(s, data)]
-    return [Rendered(s.name, s.title, html(s), asset(f"{s.name}.js")) for s in there]
+    return [Rendered(s.name, _(s.title), html(s), asset(f"{s.name}.js")) for s in there]
 
 
 def _is_there(section: Section, data: Data) -> bool:
@@ -87,16 +92,26 @@ def _built(
 
 
 def environment() -> jinja2.Environment:
-    """That of every page."""
+    """That of every page, in the language that is spoken when it is filled."""
     templates = jinja2.Environment(
         autoescape=True,
+        extensions=["jinja2.ext.i18n"],
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.globals |= {"version": VERSION, "enlarged": ENLARGED}
+    templates.globals |= {
+        "version": VERSION, "enlarged": ENLARGED, "gettext": _, "language": language,
+    }  # fmt: skip
     return templates
+
+
+def spoken(*scripts: str) -> Markup:
+    """What these scripts say, in the language that is spoken, and how: a script before them."""
+    said = dict.fromkeys(re.findall(r'\bsay\("([^"]+)"', "".join(scripts)))
+    words = htmlsafe_json_dumps({text: _(text) for text in said}, ensure_ascii=False)
+    return Markup("const WORDS = {};\n").format(words) + asset("words.js")
 
 
 def asset(name: str) -> Markup:

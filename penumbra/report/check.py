@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from penumbra.language import N_, _, say
 from penumbra.report.inputs import Data, Input
-from penumbra.report.words import percent
+from penumbra.report.words import interval, percent, phrases
 
 CALIBRATION = Input(
     "calibration.json",
@@ -15,6 +16,16 @@ CALIBRATION = Input(
     keys=("correct", "detected", "named", "confusion", "alike", "unknown"),
     shipped="docs/calibration.json",
 )
+SETTINGS = {
+    "cases": N_("cases"),
+    "correct": N_("correct"),
+    "seed": N_("seed"),
+    "reduced": N_("reduced"),
+    "scenes": N_("scenes"),
+    "light_samples": N_("light samples"),
+    "pictures": N_("pictures"),
+}
+TRUE_OR_FALSE = N_("True"), N_("False")
 
 
 def check(data: Data) -> dict[str, Any]:
@@ -24,13 +35,16 @@ def check(data: Data) -> dict[str, Any]:
     return {
         "correct": correct | {"upper": percent(math.ceil(1000 * correct["upper"]) / 1000)},
         "rates": [
-            _rate("wrong renderers that are called wrong", measured["detected"], "found"),
-            _rate("of these, the right name (or its class) first", measured["named"], "first"),
+            _rate(_("wrong renderers that are called wrong"), measured["detected"], "found"),
+            _rate(_("of these, the right name (or its class) first"), measured["named"], "first"),
         ],
-        "unknown": unknown,
+        "unknown": {
+            "count": _share(unknown["unknown"], unknown["n"]),
+            "nearest": say("{count} got the nearest name", count=unknown["nearest"]),
+        },
         "confusion": _confusion(measured["confusion"]),
-        "alike": measured["alike"],
-        "settings": _plain(measured.get("settings", {})),
+        "alike": [_alike(*entry) for entry in measured["alike"]],
+        "settings": _settings(measured.get("settings", {})),
         "command": CALIBRATION.command,
     }
 
@@ -38,11 +52,19 @@ def check(data: Data) -> dict[str, Any]:
 def _rate(text: str, found: dict[str, Any], key: str) -> dict[str, Any]:
     return {
         "text": text,
-        "count": found[key],
-        "n": found["n"],
+        "count": _share(found[key], found["n"]),
         "rate": percent(found[key] / found["n"]) if found["n"] else "–",
-        "interval": f"[{percent(found['low'])}, {percent(found['high'])}]",
+        "interval": interval(found["low"], found["high"], percent),
     }
+
+
+def _share(count: int, n: int) -> str:
+    return say("{count} of {all}", count=count, all=n)
+
+
+def _alike(first: str, second: str, scene: str) -> str:
+    text = N_("{first} and {second}: {scene} tells") if scene else N_("{first} and {second}")
+    return say(text, first=first, second=second, scene=scene)
 
 
 def _confusion(matrix: dict[str, Any]) -> list[dict[str, Any]]:
@@ -65,9 +87,12 @@ def _confusion(matrix: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def _plain(settings: dict[str, Any]) -> str:
-    return "; ".join(f"{key.replace('_', ' ')}: {_listed(v)}" for key, v in settings.items())
+def _settings(settings: dict[str, Any]) -> str:
+    return phrases(
+        say("{name}: {value}", name=_(SETTINGS.get(key, key)), value=_value(value))
+        for key, value in settings.items()
+    )
 
 
-def _listed(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+def _value(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else _(str(value))

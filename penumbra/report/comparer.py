@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from penumbra.language import _, say
 from penumbra.report import figures
 from penumbra.report.inputs import LIGHT_SAMPLES, Data, image_file
 from penumbra.report.pictures import edge_crop, label_of
@@ -16,7 +17,7 @@ def compare(data: Data) -> dict[str, Any]:
         for file in _files(data)
     ]
     for name, scene in data.scenes.items():
-        shown.append((name, "exact", data.exact(name, scene.width, scene.height).radiance))
+        shown.append((name, _("exact"), data.exact(name, scene.width, scene.height).radiance))
     first = image_file("tp3_statement", LIGHT_SAMPLES[1])
     middle = edge_crop(data, first)
     place = {"x": middle.left + middle.width // 2, "y": middle.top + middle.height // 2}
@@ -24,7 +25,7 @@ def compare(data: Data) -> dict[str, Any]:
         "images": [
             {
                 "label": label,
-                "group": f"scene {scene}",
+                "group": say("scene {scene}", scene=scene),
                 "width": radiance.shape[1],
                 "height": radiance.shape[0],
                 "data": figures.packed_halves(radiance),

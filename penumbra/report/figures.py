@@ -19,7 +19,13 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullLocator
+from matplotlib.ticker import (
+    FuncFormatter,
+    LogLocator,
+    MultipleLocator,
+    NullLocator,
+    ScalarFormatter,
+)
 from PIL import Image as PillowImage
 from scipy.ndimage import uniform_filter
 from scipy.special import ndtri
@@ -28,7 +34,8 @@ from penumbra.compare.exact.image import ExactImage
 from penumbra.compare.measure.image import Image
 from penumbra.compare.measure.metrics import luminance
 from penumbra.compare.measure.statistics import estimate, scatter_test
-from penumbra.compare.scene import QuadLight
+from penumbra.language import _, localised, say
+from penumbra.report.words import percent
 
 LARGEST_HALF = 65504.0
 """largest finite IEEE half float"""
@@ -211,7 +218,7 @@ def convergence_chart(
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=(3.7, 3.0), layout="constrained")
         axes = figure.add_subplot()
-        axes.set(xscale="log", yscale="log", xlabel=x_label, ylabel="relative RMSE [1]")
+        axes.set(xscale="log", yscale="log", xlabel=x_label, ylabel=_("relative RMSE [1]"))
         for s in series:
             colour, marker = style[s.renderer]
             _band(axes, s, colour)
@@ -222,7 +229,7 @@ def convergence_chart(
         for axis, base in ((axes.xaxis, x_base), (axes.yaxis, 10)):
             axis.set_major_locator(LogLocator(base, numticks=8))
             axis.set_minor_locator(NullLocator())
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_major_formatter(FuncFormatter(lambda value, place: localised(f"{value:g}")))
         return _svg(figure, name, description)
 
 
@@ -233,17 +240,20 @@ def speedup_chart(name: str, description: str, speedup: Series, cores: int | Non
         axes = figure.add_subplot()
         top = max(speedup.x)
         axes.plot([1, top], [1, top], color=FAINT, linestyle=(0, (4, 3)), linewidth=1)
-        axes.text((1 + 3 * top) / 4, (1 + 3 * top) / 4, " ideal ", color=FAINT, ha="center",
-                  va="center", bbox=BACKED)  # fmt: skip
+        axes.text((1 + 3 * top) / 4, (1 + 3 * top) / 4, " " + _("ideal") + " ", color=FAINT,
+                  ha="center", va="center", bbox=BACKED)  # fmt: skip
         if cores and cores < top:
             axes.axvline(cores, color=FAINT, linewidth=0.8, linestyle=":")
-            axes.annotate(f"{cores} cores", (cores, top), (4, 0), textcoords="offset points",
-                          va="top", color=FAINT)  # fmt: skip
+            axes.annotate(say("{count} cores", count=cores), (cores, top), (4, 0),
+                          textcoords="offset points", va="top", color=FAINT)  # fmt: skip
         colour, marker = STYLES["penumbra"]
         _band(axes, speedup, colour)
         axes.plot(speedup.x, speedup.y, color=colour, marker=marker, markersize=4, linewidth=1.3)
-        axes.set(xlabel="OpenMP threads", ylabel="speed-up over one thread [1]", ylim=(0, None))
+        axes.set(
+            xlabel=_("OpenMP threads"), ylabel=_("speed-up over one thread [1]"), ylim=(0, None)
+        )
         axes.xaxis.set_major_locator(MultipleLocator(1))
+        axes.yaxis.set_major_formatter(_Scalar())
         return _svg(figure, name, description)
 
 
@@ -277,7 +287,7 @@ def log_chart(
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.add_subplot()
-        axes.set(yscale="log", xlabel=x_label, ylabel="relative error [1]")
+        axes.set(yscale="log", xlabel=x_label, ylabel=_("relative error [1]"))
         low = min(min(line.y) for line in lines)
         top = max([*limits, *(max(line.y) for line in lines)])
         axes.set_ylim(low / 4, top * 4)
@@ -295,7 +305,7 @@ def log_chart(
         axes.set_xticks(places, [ticks[i] for i in places])
         axes.yaxis.set_major_locator(LogLocator(10, numticks=7))
         axes.yaxis.set_minor_locator(NullLocator())
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:.0e}"))
         axes.legend(loc="best", handlelength=1.8, borderaxespad=0.2, fontsize=7.5, frameon=True,
                     facecolor=PAPER, edgecolor="none")  # fmt: skip
         return _svg(figure, name, description)
@@ -313,6 +323,8 @@ def profile_chart(
                       label=line.label)  # fmt: skip
         axes.set(xlabel=x_label, ylabel=y_label, ylim=(0, None))
         axes.margins(x=0)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(_Scalar())
         axes.legend(loc="upper center", handlelength=2.6, borderaxespad=0.2)
         return _svg(figure, name, description)
 
@@ -324,12 +336,12 @@ def places_chart(name: str, description: str, places: np.ndarray, weights: np.nd
         figure = Figure(figsize=(3.7, 3.5), layout="constrained")
         axes = figure.add_subplot()
         axes.fill([0, 1, 1, 0], [0, 0, 1, 1], facecolor="#fff3c9", edgecolor="#b58900",
-                  linewidth=1.3, label="the quad")  # fmt: skip
+                  linewidth=1.3, label=_("the quad"))  # fmt: skip
         shown = weights > 0.002 * weights.max(initial=0)
         share = weights[shown] / max(float(weights.max(initial=0)), 1e-30)
         axes.scatter(places[shown, 0], places[shown, 1], s=120 * share, color=STYLES["cycles"][0],
-                     alpha=0.75, linewidth=0, label="light")  # fmt: skip
-        axes.set(xlabel="s along u [1]", ylabel="t along v [1]", aspect="equal",
+                     alpha=0.75, linewidth=0, label=_("light"))  # fmt: skip
+        axes.set(xlabel=_("s along u [1]"), ylabel=_("t along v [1]"), aspect="equal",
                  xlim=(-1.7, 2.7), ylim=(-1.7, 2.7))  # fmt: skip
         axes.legend(loc="upper right", fontsize=7.5, handlelength=1.2)
         return _svg(figure, name, description)
@@ -376,9 +388,16 @@ def rate_maps(
         middles = [(a + b) / 2 for a, b in pairwise(norm.boundaries)]
         bar = figure.colorbar(ScalarMappable(norm, scheme), ax=panels, ticks=middles,
                               spacing="uniform", aspect=30, pad=0.01)  # fmt: skip
-        bar.ax.set_yticklabels(["none", *(f"≤ {100 * step:g} %" for step in RATE_STEPS)])
+        bar.ax.set_yticklabels([_("none"), *(f"≤ {percent(step)}" for step in RATE_STEPS)])
         bar.ax.tick_params(length=0)
         return _svg(figure, name, description)
+
+
+class _Scalar(ScalarFormatter):
+    """matplotlib's own numbers, as the language that is spoken writes them."""
+
+    def __call__(self, value: float, place: int | None = None) -> str:
+        return localised(super().__call__(value, place))
 
 
 def _band(axes: Axes, series: Series, colour: str) -> None:
@@ -396,8 +415,8 @@ def _guide(axes: Axes, series: Sequence[Series]) -> None:
     axes.plot(x, y, color=FAINT, linestyle=(0, (4, 3)), linewidth=1, zorder=1)
     axes.set_ylim(limits)
     middle_x, middle_y = np.exp(np.log([x, y]).mean(axis=1))
-    axes.text(middle_x, middle_y, " slope −1/2 ", color=FAINT, ha="center", va="center",
-              bbox=BACKED)  # fmt: skip
+    axes.text(middle_x, middle_y, " " + _("slope −1/2") + " ", color=FAINT, ha="center",
+              va="center", bbox=BACKED)  # fmt: skip
 
 
 def _svg(figure: Figure, name: str, description: str) -> Markup:
@@ -412,96 +431,3 @@ def _svg(figure: Figure, name: str, description: str) -> Markup:
     prefix = re.sub(r"[^a-z0-9]+", "-", name.lower())
     text = re.sub(r'(\bid="|"#|url\(#)', rf"\g<1>{prefix}-", text)
     return Markup(f'<svg role="img" aria-label="{escape(description)}"' + text.removeprefix("<svg"))
-
-
-# The drawing of the quad light
-
-
-def light_drawing(light: QuadLight, width: float = 640, height: float = 400) -> dict[str, Any]:
-    """Points [SVG user units] and texts of figure 2, seen from in front, right and above.
-
-    Orthographic; the light's corner, edges and normal are the scene's, the arrows' lengths
-    are chosen.
-    """
-    azimuth, elevation = np.radians(-32), np.radians(24)
-    forward = np.array(
-        [
-            np.sin(azimuth) * np.cos(elevation),
-            -np.sin(elevation),
-            np.cos(azimuth) * np.cos(elevation),
-        ]
-    )
-    right = np.cross([0, 1, 0], forward)
-    right /= np.linalg.norm(right)
-    screen = np.stack([right, -np.cross(forward, right)])
-
-    corner, u, v, n = (
-        np.array(x) for x in (light.corner, light.edge_u, light.edge_v, light.normal)
-    )
-    centre = corner + u / 2 + v / 2
-    length = 0.55 * light.area**0.5
-    outline = [corner, corner + u, corner + u + v, corner + v]
-    s, t = 0.68, 0.36
-    emitting = [corner + a * u + b * v for a in (0.2, 0.5, 0.8) for b in (0.25, 0.75)]
-    tips = [p - length * n for p in emitting]
-    everything = np.array([*outline, centre + length * n, *tips]) @ screen.T
-    middle, size = (everything.max(0) + everything.min(0)) / 2, np.ptp(everything, axis=0)
-    scale = float(min((width - 300) / size[0], (height - 110) / size[1]))
-
-    def at(point: np.ndarray) -> dict[str, float]:
-        x, y = (point @ screen.T - middle) * scale + (width / 2, height / 2 + 6)
-        return {"x": round(float(x), 1), "y": round(float(y), 1)}
-
-    def beside(point: np.ndarray, distance: float = 14) -> dict[str, Any]:
-        """A label away from the centre of the light."""
-        label, origin = at(point), at(centre)
-        away = np.array([label["x"] - origin["x"], label["y"] - origin["y"]])
-        away *= distance / max(float(np.linalg.norm(away)), 1e-9)
-        anchor = "end" if away[0] < -4 else "start" if away[0] > 4 else "centred"
-        return {"x": label["x"] + away[0], "y": label["y"] + away[1] + 5, "anchor": anchor}
-
-    def right_of(point: np.ndarray) -> dict[str, Any]:
-        label = at(point)
-        return {"x": label["x"] + 12, "y": label["y"] + 5, "anchor": "start"}
-
-    def axis(direction: tuple[int, int, int], distance: float) -> dict[str, float]:
-        x, y = np.array(direction) @ screen.T * distance + (62, height - 62)
-        return {"x": round(float(x), 1), "y": round(float(y), 1)}
-
-    axes = {"o": axis((0, 0, 0), 0)}
-    for name, direction in (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1))):
-        axes[name] = axis(direction, 40)
-        axes[f"{name}_label"] = axis(direction, 54) | {"y": axis(direction, 54)["y"] + 4}
-    sample = corner + s * u + t * v
-    return {
-        "corner": vector(light.corner),
-        "u": vector(light.edge_u),
-        "v": vector(light.edge_v),
-        "n": vector(light.normal),
-        "area": f"{light.area:.4g}",
-        "radiance": vector(light.radiance),
-        "outline": [at(p) for p in outline],
-        "centre": at(centre),
-        "tip": at(centre + length * n),
-        "sample": at(sample),
-        "s_foot": at(corner + s * u),
-        "t_foot": at(corner + t * v),
-        "emission": [(at(a), at(b)) for a, b in zip(emitting, tips, strict=True)],
-        "labels": {
-            "corner": beside(corner),
-            "u": beside(corner + u / 2, 26),
-            "v": beside(corner + v / 2),
-            "n": right_of(centre + length * n),
-            "sample": right_of(sample),
-            "emission": {"x": at(centre)["x"], "y": height - 14, "anchor": "centred"},
-        },
-        "axes": axes,
-    }  # fmt: skip
-
-
-def vector(v: Iterable[float]) -> str:
-    """
-    >>> vector((-2.0, 0.0, 0.5))
-    '(−2, 0, 0.5)'
-    """
-    return "(" + ", ".join(f"{x + 0.0:.4g}" for x in v).replace("-", "−") + ")"

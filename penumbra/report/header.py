@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from penumbra.report.agreement import all_rows, verdict_count
+from penumbra.language import _, say
+from penumbra.report.agreement import all_rows, verdict_words
 from penumbra.report.convergence import point_of, slope_of
 from penumbra.report.inputs import (
     COMPARISONS,
@@ -18,7 +19,7 @@ from penumbra.report.inputs import (
     reference_file,
 )
 from penumbra.report.threads import SPEEDUP
-from penumbra.report.words import digits, fixed, interval, percent
+from penumbra.report.words import digits, fixed, interval, percent, phrases, size_of
 
 INPUTS = (*COMPARISONS, *IMAGES, CONVERGENCE, SPEEDUP)
 
@@ -33,11 +34,18 @@ def _summary(data: Data) -> str:
     image = data.images[best_image_file("tp3")]
     cycles = data.images[reference_file("tp3")]
     machine = data[CONVERGENCE]["machine"]
-    return (
-        f"Scene {scene.name} (hash {scene.hash}) and its variants, {scene.width} × {scene.height}; "
-        f"{image.attributes.get('software', 'the C renderer')}, seed "
-        f"{image.attributes.get('seed', '?')}; {cycles.attributes.get('software', 'Cycles')}; on "
-        f"{machine['processor']}, {machine['cores']} cores."
+    ours = _("the C renderer")
+    return say(
+        "Scene {scene} (hash {hash}) and its variants, {size}; {software}, seed {seed}; {cycles}; "
+        "on {processor}, {cores} cores.",
+        scene=scene.name,
+        hash=scene.hash,
+        size=size_of(vars(scene)),
+        software=image.attributes.get("software", ours),
+        seed=str(image.attributes.get("seed", "?")),
+        cycles=cycles.attributes.get("software", "Cycles"),
+        processor=machine["processor"],
+        cores=machine["cores"],
     )
 
 
@@ -47,12 +55,14 @@ def _glance(data: Data) -> list[dict[str, str]]:
     verdicts = {row["verdict"] for row in rows}
     worst = next(v for v in ("differs", "undecided", "agrees") if v in verdicts)
     agreeing = sum(row["verdict"] == "agrees" for row in rows)
-    others = verdict_count(rows).partition(", ")[2]
+    others = verdict_words(rows)[1:]
     items = [
         {
-            "term": "Is it right?",
-            "value": f"{agreeing} of {len(rows)}",
-            "text": "comparisons of regions agree" + (f"; {others}" if others else ""),
+            "term": _("Is it right?"),
+            "value": say("{count} of {all}", count=agreeing, all=len(rows)),
+            "text": phrases(
+                [_("comparisons of regions agree"), *([", ".join(others)] if others else [])]
+            ),
             "tone": worst,
         }
     ]
@@ -60,28 +70,35 @@ def _glance(data: Data) -> list[dict[str, str]]:
     if slope is not None:
         items.append(
             {
-                "term": "How fast does it converge?",
+                "term": _("How fast does it converge?"),
                 "value": "N",
                 "power": fixed(slope["slope"]),
-                "text": f"error of C over all objects, {percent(slope['confidence'])} interval "
-                f"{interval(slope['low'], slope['high'], fixed)}",
+                "text": say(
+                    "error of C over all objects, {confidence} interval {interval}",
+                    confidence=percent(slope["confidence"]),
+                    interval=interval(slope["low"], slope["high"], fixed),
+                ),
             }
         )
     off, on = (point_of(data, "penumbra", FEW, m)["rmse"] for m in (1, PIXEL_SAMPLES))
     items.append(
         {
-            "term": "What does anti-aliasing do?",
+            "term": _("What does anti-aliasing do?"),
             "value": f"÷ {digits(off / on)}",
-            "text": f"noise in the penumbra with {PIXEL_SAMPLES} pixel samples; the root of "
-            f"{PIXEL_SAMPLES} is {math.sqrt(PIXEL_SAMPLES):g}",
+            "text": say(
+                "noise in the penumbra with {samples} pixel samples; the root of {samples} is "
+                "{root:g}",
+                samples=PIXEL_SAMPLES,
+                root=math.sqrt(PIXEL_SAMPLES),
+            ),
         }
     )
     best = max(data[SPEEDUP]["rows"], key=lambda row: row["threads"])
     items.append(
         {
-            "term": "What do threads bring?",
+            "term": _("What do threads bring?"),
             "value": f"× {digits(best['speedup'])}",
-            "text": f"speed with {best['threads']} threads instead of one",
+            "text": say("speed with {threads} threads instead of one", threads=best["threads"]),
         }
     )
     return items

@@ -18,14 +18,15 @@ from penumbra.compare.exact.image import ExactImage, exact_image
 from penumbra.compare.measure.image import Image, ImageError, read_image
 from penumbra.compare.run.provenance import ROOT
 from penumbra.compare.scene import Scene, read_scene
+from penumbra.language import N_
 
 LIGHTS = {
-    "tp3": "square",
-    "tp3_sheared": "parallelogram",
-    "tp3_disk": "disk",
-    "tp3_triangle": "triangle",
-    "tp3_sphere": "sphere",
-    "tp3_two_lights": "square and point",
+    "tp3": N_("square"),
+    "tp3_sheared": N_("parallelogram"),
+    "tp3_disk": N_("disk"),
+    "tp3_triangle": N_("triangle"),
+    "tp3_sphere": N_("sphere"),
+    "tp3_two_lights": N_("square and point"),
 }
 """The lights of the lab's scene and its variants: scene -> what shines"""
 OTHER_LIGHTS = tuple(name for name in LIGHTS if name != "tp3")

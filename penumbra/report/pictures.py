@@ -9,6 +9,7 @@ import numpy as np
 from penumbra.compare.exact.image import LIT, PENUMBRA, UMBRA, ExactImage
 from penumbra.compare.measure.image import Image
 from penumbra.compare.scene import Scene
+from penumbra.language import N_, _, say
 from penumbra.report import figures
 from penumbra.report.figures import Crop
 from penumbra.report.inputs import Data
@@ -23,13 +24,19 @@ def picture(data: Data, file: str, window: Crop, caption: str = "") -> dict[str,
     height, width = image.shape
     label = label_of(image)
     pixels = figures.displayed(image.radiance)
-    what = f"Scene {image.attributes['sceneName']}, {label}"
+    whole, framed = (
+        say(text, scene=str(image.attributes["sceneName"]), label=label)
+        for text in (
+            N_("Scene {scene}, {label}"),
+            N_("Scene {scene}, {label}: the framed part enlarged"),
+        )
+    )
     return {
         "full": {
             "png": figures.png_uri(pixels),
             "width": width,
             "height": height,
-            "alt": what,
+            "alt": whole,
             "window": {
                 "left": 100 * window.left / width,
                 "top": 100 * window.top / height,
@@ -37,7 +44,7 @@ def picture(data: Data, file: str, window: Crop, caption: str = "") -> dict[str,
                 "height": 100 * window.height / height,
             },
         },
-        "detail": detail(pixels, window, f"{what}: the framed part enlarged"),
+        "detail": detail(pixels, window, framed),
         "caption": caption or samples_of(image),
         "facts": facts_of(image),
         "command": command_of(data, file),
@@ -87,13 +94,13 @@ def facts_of(image: Image) -> list[str]:
     a = image.attributes
     seconds = a.get("renderSeconds")
     facts = [
-        f"scene {a.get('sceneName', '?')}",
+        say("scene {scene}", scene=str(a.get("sceneName", "?"))),
         f"{image.shape[1]} × {image.shape[0]}",
         f"N = {a.get('lightSamples', '?')}",
         f"M = {a.get('pixelSamples', '?')}",
-        f"seed {a.get('seed', '?')}",
+        say("seed {seed}", seed=str(a.get("seed", "?"))),
         f"{a.get('software', '?')}",
-        f"{a.get('threads', '?')} threads",
+        say("{count} threads", count=str(a.get("threads", "?"))),
     ]
     return [*facts, f"{digits(seconds)} s"] if isinstance(seconds, float) else facts
 
@@ -119,7 +126,7 @@ def name_of(data: Data, text: str) -> str:
     for file, image in data.images.items():
         if text.replace("\\", "/").endswith(file):
             return label_of(image)
-    return text
+    return _("exact") if text == "exact" else text
 
 
 def command_of(data: Data, file: str) -> str:

@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from penumbra.language import N_, _
 from penumbra.report.inputs import CONVERGENCE, Data, reference_file
 from penumbra.report.words import digits
+
+MACHINE = {"processor": N_("processor"), "cores": N_("cores"), "system": N_("system")}
 
 
 def remake(data: Data) -> dict[str, Any]:
     cycles = data.images[reference_file("tp3")].attributes
     return {
         "files": [_file_row(data, file) for file in data.images],
-        "machine": data[CONVERGENCE]["machine"].items(),
+        "machine": [
+            (_(MACHINE.get(key, key)), value) for key, value in data[CONVERGENCE]["machine"].items()
+        ],
         "versions": (data[CONVERGENCE]["versions"] | {"cycles": cycles["software"]}).items(),
         "scenes": [
             {"name": name, "hash": scene.hash, "text": data.scene_texts[name].strip()}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from penumbra.language import N_
 from penumbra.report.agreement import agreement
 from penumbra.report.antialiasing import antialiasing
 from penumbra.report.check import CALIBRATION, check
@@ -15,7 +16,7 @@ from penumbra.report.inputs import COMPARISONS, CONVERGENCE, CONVERGENCE_CSV, IM
 from penumbra.report.lights import PROFILE, lights
 from penumbra.report.remake import remake
 from penumbra.report.self_shadow import SELF_SHADOW, SELF_SHADOW_CSV, self_shadow
-from penumbra.report.shadows import light, ray, samples, shadows
+from penumbra.report.shadows import samples, shadows
 from penumbra.report.speed import BENCH, speed
 from penumbra.report.stability import STABILITY, stability
 from penumbra.report.threads import SPEEDUP, threads
@@ -40,39 +41,37 @@ class Section:
 
 
 SECTIONS = (
-    Section("shadows", "Hard and soft shadows", IMAGES, shadows),
-    Section("light", "The quad light", (), light),
-    Section("ray", "One shadow ray", IMAGES, ray),
-    Section("samples", "More shadow rays", IMAGES, samples),
-    Section("compare", "Compare any two images", IMAGES, compare),
-    Section("agreement", "Is it right?", (*IMAGES, *COMPARISONS), agreement),
+    Section("shadows", N_("Hard and soft shadows"), IMAGES, shadows),
+    Section("samples", N_("More shadow rays"), IMAGES, samples),
+    Section("compare", N_("Compare any two images"), IMAGES, compare),
+    Section("agreement", N_("Is it right?"), (*IMAGES, *COMPARISONS), agreement),
     Section(
         "convergence",
-        "How fast does it converge?",
+        N_("How fast does it converge?"),
         (CONVERGENCE_CSV, CONVERGENCE),
         convergence,
     ),
     Section(
         "antialiasing",
-        "Why is there less noise in the shadow?",
+        N_("Why is there less noise in the shadow?"),
         (*IMAGES, CONVERGENCE_CSV, CONVERGENCE),
         antialiasing,
     ),
-    Section("threads", "Threads", (SPEEDUP,), threads),
-    Section("trade", "What does a millisecond buy?", (TRADE,), trade, optional=True),
-    Section("speed", "How fast is that?", (BENCH,), speed, optional=True),
+    Section("threads", N_("Threads"), (SPEEDUP,), threads),
+    Section("trade", N_("What does a millisecond buy?"), (TRADE,), trade, optional=True),
+    Section("speed", N_("How fast is that?"), (BENCH,), speed, optional=True),
     Section(
         "self_shadow",
-        "Where should a shadow ray start?",
+        N_("Where should a shadow ray start?"),
         (SELF_SHADOW, SELF_SHADOW_CSV),
         self_shadow,
         optional=True,
     ),
-    Section("stability", "Where do floats break?", (STABILITY,), stability, optional=True),
-    Section("check", "How often is a check right?", (CALIBRATION,), check, optional=True),
-    Section("lights", "Other lights", (*IMAGES, *COMPARISONS, PROFILE), lights),
-    Section("remake", "What was rendered, and how to remake it", IMAGES, remake),
-    Section("glossary", "Glossary", (), nothing),
+    Section("stability", N_("Where do floats break?"), (STABILITY,), stability, optional=True),
+    Section("check", N_("How often is a check right?"), (CALIBRATION,), check, optional=True),
+    Section("lights", N_("Other lights"), (*IMAGES, *COMPARISONS, PROFILE), lights),
+    Section("remake", N_("What was rendered, and how to remake it"), IMAGES, remake),
+    Section("glossary", N_("Glossary"), (), nothing),
 )
 """Images of the sections' inputs are also in the comparer, and listed in the section remake"""
 

@@ -8,22 +8,23 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from penumbra.language import N_, _, say
 from penumbra.report.figures import rate_maps
 from penumbra.report.inputs import Data, Input
-from penumbra.report.words import digits, percent, power
+from penumbra.report.words import digits, interval, percent, power
 
 _COMMAND = "penumbra self-shadow -o build/stability/self_shadow"
 SELF_SHADOW = Input("stability/self_shadow.json", _COMMAND, "tp3")
 SELF_SHADOW_CSV = Input("stability/self_shadow.csv", _COMMAND, "tp3")
 TITLES = {
-    "fixed": "fixed 1e-3 m",
-    "integer": "integer offset",
-    "bounded": "error bound",
-    "skip": "skip the surface",
-    "rounding": "hit point alone",
+    "fixed": N_("fixed 1e-3 m"),
+    "integer": N_("integer offset"),
+    "bounded": N_("error bound"),
+    "skip": N_("skip the surface"),
+    "rounding": N_("hit point alone"),
 }
 """In the figure's order: the four ways, and what none of them can avoid"""
-MISTAKES = {"self_shadow": "false self-shadow", "light_leak": "light leak"}
+MISTAKES = {"self_shadow": N_("false self-shadow"), "light_leak": N_("light leak")}
 
 
 def self_shadow(data: Data) -> dict[str, Any]:
@@ -34,7 +35,7 @@ def self_shadow(data: Data) -> dict[str, Any]:
         "svg": heat_map(rows, "float32"),
         "skip_wrong": percent_of(verdict["float32", "skip"]["wrong_rate"]),
         "floor_wrong": percent_of(verdict["float32", "rounding"]["wrong_rate"]),
-        "scenes": [{"name": k, "text": v} for k, v in measured["scenes"].items()],
+        "scenes": [{"name": k, "text": _(v)} for k, v in measured["scenes"].items()],
         "rays": measured["rays"],
         "confidence": percent(measured["confidence"]),
         "verdict": [_verdict(v) for v in measured["verdict"]],
@@ -44,15 +45,15 @@ def self_shadow(data: Data) -> dict[str, Any]:
 
 def _verdict(row: dict[str, Any]) -> dict[str, Any]:
     def rate(mistake: str) -> str:
-        low, high = (percent_of(row[f"{mistake}_{end}"]) for end in ("low", "high"))
-        return f"{percent_of(row[f'{mistake}_rate'])} [{low}, {high}]"
+        low, high = row[f"{mistake}_low"], row[f"{mistake}_high"]
+        return f"{percent_of(row[f'{mistake}_rate'])} {interval(low, high, percent_of)}"
 
     return {
         "precision": row["precision"],
-        "title": TITLES[row["strategy"]],
+        "title": _(TITLES[row["strategy"]]),
         "rates": [rate(m) for m in ("self_shadow", "light_leak", "other_shadow")],
         "wrong": percent_of(row["wrong_rate"]),
-        "beaten": f"{row['cells_beaten']} of {row['cells']}",
+        "beaten": say("{count} of {all}", count=row["cells_beaten"], all=row["cells"]),
         "wins": row["wins"],
     }
 
@@ -85,16 +86,17 @@ def heat_map(rows: Sequence[dict[str, str]], precision: str) -> Markup:
         f"self-shadow-{precision}",
         description(precision),
         rates,
-        tuple(TITLES.values()),
-        tuple(MISTAKES.values()),
-        ("translation [m]", [power(t) for t in translations]),
-        ("scale", [power(s) for s in scales]),
+        tuple(map(_, TITLES.values())),
+        tuple(map(_, MISTAKES.values())),
+        (_("translation [m]"), [power(t) for t in translations]),
+        (_("scale"), [power(s) for s in scales]),
     )
 
 
 def description(precision: str) -> str:
-    return (
-        f"Heat maps in {precision}: rates of false self-shadow and of light leaks against "
+    return say(
+        "Heat maps in {precision}: rates of false self-shadow and of light leaks against "
         "translation and scale, for a fixed offset, an integer offset, an error bound, skipping "
-        "the surface, and the rounding of the hit point alone"
+        "the surface, and the rounding of the hit point alone",
+        precision=precision,
     )

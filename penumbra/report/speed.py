@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
+from penumbra.language import language
 from penumbra.report.inputs import Data, Input
 
 if TYPE_CHECKING:
@@ -31,12 +32,18 @@ def _table(table: Table) -> dict[str, Any]:
     return {
         "title": _html(table.title),
         "head": table.head,
-        "rows": [_cells(row) for row in table.rows],
+        "rows": [_cells(row, table.english) for row in table.rows],
     }
 
 
-def _cells(row: Sequence[str]) -> list[Any]:
-    return [_html(cell.replace("**", "")) for cell in row]
+def _cells(row: Sequence[str], english: Sequence[int]) -> list[Any]:
+    cells = [_html(cell.replace("**", "")) for cell in row]
+    if language() == "en":
+        return cells
+    return [
+        Markup('<span lang="en">{}</span>').format(cell) if i in english else cell
+        for i, cell in enumerate(cells)
+    ]
 
 
 def _html(markdown: str) -> Markup:

@@ -8,9 +8,10 @@ from typing import Any
 
 from markupsafe import Markup
 
+from penumbra.language import N_, _, localised, say
 from penumbra.report.figures import Line, log_chart
 from penumbra.report.inputs import Data, Input
-from penumbra.report.words import digits, power, signed_power
+from penumbra.report.words import all_of, digits, phrases, power, signed_power
 
 STABILITY = Input(
     "stability/stability.json",
@@ -18,21 +19,42 @@ STABILITY = Input(
     "tp3",
 )
 CURVES = {
-    ("area", "float32"): ("sampled, float32", "#0072b2", "o", "-"),
-    ("exact", "float32"): ("closed form, float32", "#d55e00", "^", "--"),
-    ("textbook", "float64"): ("sampled, float64", "#009e73", "s", "-"),
+    ("area", "float32"): (N_("sampled, float32"), "#0072b2", "o", "-"),
+    ("exact", "float32"): (N_("closed form, float32"), "#d55e00", "^", "--"),
+    ("textbook", "float64"): (N_("sampled, float64"), "#009e73", "s", "-"),
 }
 """Those that are drawn: label, colour, marker, dashes; the CSV holds the others too."""
 SUM_COLOURS = ("#d55e00", "#cc79a7", "#009e73", "#0072b2", "#222222")
 SMALLEST = 1e-17
 """Errors of 0 are drawn there."""
+SUMS = N_("naive"), N_("pairwise"), N_("compensated"), N_("chunks"), N_("double")
+"""Names of compare.studies.stability's"""
 CAUSES = {
-    "cancellation": "Cancellation",
-    "absorption": "Absorption",
-    "overflow": "Overflow",
-    "underflow": "Underflow",
-    "none": "Nothing to lose",
+    "cancellation": (
+        N_("Cancellation"),
+        N_(
+            "Two numbers that are almost equal are subtracted: what remains is made of digits that "
+            "rounding had already spoilt."
+        ),
+    ),
+    "absorption": (
+        N_("Absorption"),
+        N_("A small number is added to a large one, in whose last digit it vanishes."),
+    ),
+    "overflow": (
+        N_("Overflow"),
+        N_("A number grows without bound, up to the largest float."),
+    ),
+    "underflow": (
+        N_("Underflow"),
+        N_("A product becomes smaller than floats with all their digits are."),
+    ),
+    "none": (
+        N_("Nothing to lose"),
+        N_("Not everything extreme is dangerous."),
+    ),
 }
+"""Title and meaning"""
 
 
 def stability(data: Data) -> dict[str, Any]:
@@ -42,17 +64,19 @@ def stability(data: Data) -> dict[str, Any]:
         "groups": [
             {
                 "cause": cause,
-                "title": title,
+                "title": _(title),
+                "text": _(text),
+                "count": _count([s for s in measured["sweeps"] if s["failure"] == cause]),
                 "sweeps": [
                     _sweep(s, measured["limits"])
                     for s in measured["sweeps"]
                     if s["failure"] == cause
                 ],
             }
-            for cause, title in CAUSES.items()
+            for cause, (title, text) in CAUSES.items()
         ],
         "rows": [_row(s, measured["limits"]) for s in measured["sweeps"]],
-        "limits": [power(limit) for limit in measured["limits"]],
+        "limits": all_of([power(limit) for limit in measured["limits"]]),
         "map": {"cells": measured["map"], "limits": measured["limits"]},
         "trust": _trust(measured["trust"]),
         "sums": _sums(measured["sums"]),
@@ -64,6 +88,10 @@ def stability(data: Data) -> dict[str, Any]:
     }
 
 
+def _count(sweeps: Sequence[dict[str, Any]]) -> str:
+    return _("one sweep") if len(sweeps) == 1 else say("{count} sweeps", count=len(sweeps))
+
+
 def _sweep(sweep: dict[str, Any], limits: Sequence[float]) -> dict[str, Any]:
     values = sweep["curves"][0]["values"]
     lines = []
@@ -72,25 +100,32 @@ def _sweep(sweep: dict[str, Any], limits: Sequence[float]) -> dict[str, Any]:
         if key in CURVES:
             label, colour, marker, dashes = CURVES[key]
             errors = [max(e, SMALLEST) for e in curve["errors"]]
-            lines.append(Line(label, range(len(values)), errors, colour, marker, dashes))
+            lines.append(Line(_(label), range(len(values)), errors, colour, marker, dashes))
     first = sweep["curves"][0]
-    described = (
-        f"{sweep['title']}: relative error against {sweep['parameter']}; largest in float32 "
-        f"{digits(max(first['errors']))}"
+    title, parameter = _(sweep["title"]), sweep["parameter"]
+    described = say(
+        "{title}: relative error against {parameter}; largest in float32 {error}",
+        title=title,
+        parameter=parameter,
+        error=digits(max(first["errors"])),
     )
     example = sweep["example"]
     return {
         "name": sweep["name"],
-        "title": sweep["title"],
-        "text": sweep["text"],
+        "title": title,
+        "text": _(sweep["text"]),
         "svg": log_chart(
-            f"stability-{sweep['name']}", described, lines, sweep["parameter"],
+            f"stability-{sweep['name']}", described, lines, parameter,
             [signed_power(v) for v in values], limits,
         ),
-        "boundary": _boundary(first, limits),
+        "boundary": say("float32: {boundary}", boundary=_boundary(first, limits)),
         "example": {
-            "what": f"{sweep['parameter'].partition(' ')[0]} = {signed_power(example['value'])}",
-            "error": digits(example["error"]),
+            "what": say(
+                "{name} = {value}: error {error}",
+                name=parameter.partition(" ")[0],
+                value=signed_power(example["value"]),
+                error=digits(example["error"]),
+            ),
             "text": json.dumps(example["scene"], indent=1),
             "commands": [f"# {example['file']}", *example["commands"]],
         },
@@ -103,19 +138,25 @@ def _boundary(curve: dict[str, Any], limits: Sequence[float]) -> str:
     for limit in limits:
         crossings = curve["crossings"][f"{limit:g}"]
         if crossings:
-            places = " and ".join(signed_power(float(f"{c:.2g}")) for c in sorted(set(crossings)))
-            said.append(f"{power(limit)} at {places}")
-    return "; ".join(said) or f"never above {digits(max(curve['errors']), 2)}"
+            places = [signed_power(float(f"{c:.2g}")) for c in sorted(set(crossings))]
+            said.append(say("{limit} at {places}", limit=power(limit), places=all_of(places)))
+    if said:
+        return phrases(said)
+    return say("never above {error}", error=digits(max(curve["errors"]), 2))
 
 
 def _row(sweep: dict[str, Any], limits: Sequence[float]) -> dict[str, Any]:
     curves = {(c["estimator"], c["precision"]): c for c in sweep["curves"]}
     values = sweep["curves"][0]["values"]
     return {
-        "title": sweep["title"],
+        "title": _(sweep["title"]),
         "name": sweep["name"],
-        "range": f"{signed_power(min(values))} to {signed_power(max(values))}",
-        "parameter": sweep["parameter"],
+        "range": say(
+            "{parameter}: {first} to {last}",
+            parameter=sweep["parameter"],
+            first=signed_power(min(values)),
+            last=signed_power(max(values)),
+        ),
         "cause": sweep["failure"],
         "worst": [digits(max(curves[key]["errors"]), 2) for key in CURVES],
         "boundary": _boundary(sweep["curves"][0], limits),
@@ -143,7 +184,7 @@ def _trust(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
                     hollow=[r["untrusted"] > 0 for r in here],
                 )
             )  # fmt: skip
-    described = (
+    described = _(
         "Relative RMS error of N samples against the height of a light over the floor: spread "
         "over the area it grows as 1 / h, over the solid angle it stays"
     )
@@ -176,7 +217,7 @@ def _sums(rows: Sequence[dict[str, Any]]) -> Markup:
     counts = sorted({row["light_samples"] for row in rows})
     lines = [
         Line(
-            name,
+            _(name),
             range(len(counts)),
             [max(r["relative_error"], SMALLEST) for r in rows if r["sum"] == name],
             colour, "o", "-",
@@ -185,7 +226,7 @@ def _sums(rows: Sequence[dict[str, Any]]) -> Markup:
     ]  # fmt: skip
     return log_chart(
         "stability-sums",
-        "Relative error of the sum of N float32 samples: naive summation loses digits as N grows, "
-        "pairwise, compensated and chunked sums do not",
-        lines, "N", [f"{n:,}" for n in counts], (), size=(6.2, 3.4),
+        _("Relative error of the sum of N float32 samples: naive summation loses digits as N "
+          "grows, pairwise, compensated and chunked sums do not"),
+        lines, "N", [localised(f"{n:,}") for n in counts], (), size=(6.2, 3.4),
     )  # fmt: skip

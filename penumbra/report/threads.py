@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from penumbra.language import say
 from penumbra.report import figures
 from penumbra.report.figures import Series
 from penumbra.report.inputs import Data, Input
-from penumbra.report.words import digits, interval
+from penumbra.report.words import digits, interval, listed
 
 SPEEDUP = Input(
     "speedup.json",
@@ -18,19 +19,25 @@ SPEEDUP = Input(
 
 
 def threads(data: Data) -> dict[str, Any]:
-    """Figure 9."""
+    """Figure 7."""
     study = data[SPEEDUP]
     rows = study["rows"]
     one = next(row["seconds"] for row in rows if row["threads"] == 1)
     best = max(rows, key=lambda row: row["threads"])
     cores = study["machine"]["cores"]
-    sentence = (
-        f"Here {best['threads']} threads take {digits(best['seconds'])} s where one takes "
-        f"{digits(one)} s: {digits(best['speedup'])} times the speed."
+    sentence = say(
+        "Here {threads} threads take {seconds} s where one takes {one} s: {speedup} times the "
+        "speed.",
+        threads=best["threads"],
+        seconds=digits(best["seconds"]),
+        one=digits(one),
+        speedup=digits(best["speedup"]),
     )
-    description = "Speed-up by threads: " + ", ".join(
-        f"{row['threads']}: {row['speedup']:.3g}" for row in rows
-    )
+    each = [
+        say("{threads}: {speedup:.3g}", threads=row["threads"], speedup=row["speedup"])
+        for row in rows
+    ]
+    description = say("Speed-up by threads: {speedups}", speedups=listed(each))
     return {
         "svg": figures.speedup_chart(
             "speedup",
@@ -46,9 +53,12 @@ def threads(data: Data) -> dict[str, Any]:
             cores,
         ),
         "sentence": sentence,
-        "caption": (
-            f"Median speed-up of {study['repeats']} renders of scene {study['scene']} with "
-            f"N = {study['light_samples']}; the band holds the fastest and the slowest."
+        "caption": say(
+            "Median speed-up of {repeats} renders of scene {scene} with N = {samples}; the band "
+            "holds the fastest and the slowest.",
+            repeats=study["repeats"],
+            scene=study["scene"],
+            samples=study["light_samples"],
         ),
         "command": study["command"],
         "rows": [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +10,20 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from penumbra.compare.measure.image import read_image
-from penumbra.compare.studies.choice import duration, options, place, verdict_text
+from penumbra.compare.studies.choice import (
+    answer_text,
+    duration,
+    options,
+    place,
+    verdict_text,
+)
 from penumbra.compare.studies.choice import percent as error_text
+from penumbra.language import N_, _, say
 from penumbra.report import figures
 from penumbra.report.figures import Crop
 from penumbra.report.inputs import Data, Input
 from penumbra.report.pictures import detail, edge_window
-from penumbra.report.words import digits, fixed, interval, percent, region_title
+from penumbra.report.words import digits, fixed, interval, percent, region_title, size_of
 
 TRADE = Input(
     "trade/tp3.json",
@@ -37,10 +44,20 @@ VERDICTS = {
     "undecided": "undecided",
 }
 """As agreement's verdicts look"""
+VERDICT_WORDS = {
+    "reached": N_("reached"),
+    "missed": N_("missed"),
+    "impossible": N_("impossible"),
+    "undecided": N_("undecided"),
+}
+STRIPS = {
+    "equal_time": N_("Equal time: at most 3 ms a frame"),
+    "equal_error": N_("Equal error: at most 1% in the penumbra"),
+}
 
 
 def trade(data: Data) -> dict[str, Any]:
-    """Figures 10 and 11, the answers, their trial and the slopes.
+    """Figures 8 and 9, the answers, their trial and the slopes.
 
     Raises ValueError for a trade of another scene, ImageError for a broken or missing image.
     """
@@ -50,28 +67,34 @@ def trade(data: Data) -> dict[str, Any]:
     most = _threads(measured)[-1]
     first = _headline(measured["answers"])
     return {
-        "sentence": _with_code(first["text"], options(first["choice"])) if first else "",
+        "sentence": _with_code(answer_text(first), options(first["choice"])) if first else "",
         "plot": _plot(measured),
-        "caption": (
-            f"Scene {measured['scene']}, {measured['width']} × {measured['height']}, M = 1. "
-            f"Medians of {measured['seeds']} frames of each setting, which took turns; errors are "
-            f"relative RMSE against the exact solution over the same frames. Time: "
-            f"{measured['clock']}; for Cycles its own render time on every core, in one process "
-            "too."
+        "caption": say(
+            "Scene {scene}, {size}, M = 1. Medians of {seeds} frames of each setting, which took "
+            "turns; errors are relative RMSE against the exact solution over the same frames. "
+            "Time: {clock}; for Cycles its own render time on every core, in one process too.",
+            scene=measured["scene"],
+            size=size_of(measured),
+            seeds=measured["seeds"],
+            clock=_(measured["clock"]),
         ),
         "confidence": percent(measured["confidence"]),
         "threads": most,
         "frontier": [_row(r) for r in measured["rows"] if r["on_frontier"]],
         "answers": _answers(measured["answers"]),
         "other_names": list(
-            dict.fromkeys(o["name"] for a in measured["answers"] for o in a["others"])
+            dict.fromkeys(_(o["name"]) for a in measured["answers"] for o in a["others"])
         ),
         "trials": [_trial(t) for t in measured["trials"] if t["verdict"] in VERDICTS],
         "verdict": verdict_text(measured["trials"]) if measured["trials"] else "",
         "slopes": _slopes(measured["slopes"]),
         "strips": _strips(data, measured),
         "command": measured["command"],
-        "machine": f"{measured['machine']['processor']}, {measured['machine']['cores']} cores",
+        "machine": say(
+            "{processor}, {cores} cores",
+            processor=measured["machine"]["processor"],
+            cores=measured["machine"]["cores"],
+        ),
     }
 
 
@@ -94,7 +117,7 @@ def _with_code(text: str, command: str) -> Markup:
     return escape(before) + Markup("<code>{}</code>").format(found) + escape(after)
 
 
-# Figure 10
+# Figure 8
 
 
 def _plot(measured: dict[str, Any]) -> dict[str, Any]:
@@ -116,8 +139,8 @@ def _plot(measured: dict[str, Any]) -> dict[str, Any]:
                 "options": options(row),
                 "time": duration(row["seconds"]),
                 "error": error_text(row["relative_rmse"]),
-                "timeRange": f"{duration(row['seconds_low'])} to {duration(row['seconds_high'])}",
-                "errorRange": f"{error_text(row['low'])} to {error_text(row['high'])}",
+                "timeRange": _range(row["seconds_low"], row["seconds_high"], duration),
+                "errorRange": _range(row["low"], row["high"], error_text),
                 "efficiency": digits(row["efficiency"]),
             }
         )
@@ -129,6 +152,10 @@ def _plot(measured: dict[str, Any]) -> dict[str, Any]:
         "threads": _threads(measured),
         "targets": [{"y": t, "text": error_text(t)} for t in measured["targets"]],
     }
+
+
+def _range(low: float, high: float, text: Callable[[float], str]) -> str:
+    return say("{first} to {last}", first=text(low), last=text(high))
 
 
 def _series(row: dict[str, Any]) -> dict[str, str]:
@@ -153,9 +180,9 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         "method": _method(row),
         "n": row["light_samples"] or "–",
         "time": f"{duration(row['seconds'])} "
-        f"[{duration(row['seconds_low'])}, {duration(row['seconds_high'])}]",
+        + interval(row["seconds_low"], row["seconds_high"], duration),
         "error": f"{error_text(row['relative_rmse'])} "
-        f"[{error_text(row['low'])}, {error_text(row['high'])}]",
+        + interval(row["low"], row["high"], error_text),
         "efficiency": digits(row["efficiency"]),
     }
 
@@ -171,10 +198,10 @@ def _answers(answers: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         groups.setdefault(a["region"], []).append(
             {
                 "target": error_text(a["target"]),
-                "options": options(choice) if choice else "no measured setting",
+                "options": options(choice) if choice else _("no measured setting"),
                 "time": duration(choice["seconds"]) if choice else "–",
                 "error": error_text(choice["relative_rmse"]) if choice else "–",
-                "others": {o["name"]: _other(o) for o in a["others"]},
+                "others": {_(o["name"]): _other(o) for o in a["others"]},
             }
         )
     return [{"title": region_title(r), "rows": rows} for r, rows in groups.items()]
@@ -192,7 +219,7 @@ def _trial(trial: dict[str, Any]) -> dict[str, Any]:
         "scene": trial["scene"],
         "goal": f"{error_text(trial['target'])} {place(trial['region'])}",
         "options": trial["options"],
-        "verdict": trial["verdict"],
+        "verdict": _(VERDICT_WORDS[trial["verdict"]]),
         "tone": VERDICTS[trial["verdict"]],
         "error": error_text(result["relative_rmse"]) if result else "–",
         "time": duration(result["seconds"]) if result else "–",
@@ -220,13 +247,13 @@ def _slope(slope: dict[str, Any]) -> dict[str, str]:
         "slope": fixed(slope["slope"]),
         "interval": interval(slope["low"], slope["high"], fixed)
         if slope["slope"] is not None
-        else slope["reason"],
+        else _(slope["reason"]),
         "theory": FRACTIONS.get(slope["theory"], "–"),
-        "n": f"N = {n[0]} to {n[-1]}" if n else "",
+        "n": say("N = {first} to {last}", first=n[0], last=n[-1]) if n else "",
     }
 
 
-# Figure 11
+# Figure 9
 
 
 def _strips(data: Data, measured: dict[str, Any]) -> list[dict[str, Any]]:
@@ -240,8 +267,8 @@ def _strips(data: Data, measured: dict[str, Any]) -> list[dict[str, Any]]:
     strips = []
     for name, entries in shown:
         cells = [_cell(entry, folder, window) for entry in entries]
-        cells.append(_picture(truth.radiance, window, "the exact solution", "no noise"))
-        strips.append({"name": name, "cells": cells})
+        cells.append(_picture(truth.radiance, window, _("the exact solution"), _("no noise")))
+        strips.append({"title": _(STRIPS.get(name, name)), "cells": cells})
     return strips
 
 
@@ -258,6 +285,8 @@ def _picture(radiance: np.ndarray, window: Crop, title: str, facts: str) -> dict
         "title": title,
         "facts": facts,
         "picture": detail(
-            figures.displayed(radiance), window, f"The penumbra enlarged: {title}, {facts}"
+            figures.displayed(radiance),
+            window,
+            say("The penumbra enlarged: {title}, {facts}", title=title, facts=facts),
         ),
     }

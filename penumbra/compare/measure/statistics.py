@@ -18,12 +18,17 @@ from scipy import ndimage, special, stats
 
 from penumbra.compare.measure.image import Image
 from penumbra.compare.measure.metrics import luminance
+from penumbra.language import N_
 
 CONFIDENCE = 0.99
 """Of intervals and verdicts, and the power that a detectable bias is stated at."""
 MIN_TILES = 10
 """Fewer tiles do not tell how far their mean scatters: with 10 the relative error of the standard
 error is already 1 / sqrt(2 * 9) = 24%."""
+TOO_FEW_TILES = N_(
+    "{pixels} pixels without a variance make {tiles} tiles of {size}, and {least} are needed: "
+    "noise cannot be told from bias"
+)
 TILE = 8
 """Side of a tile [pixels]: a JPEG's block, and wider than any anti-aliasing filter."""
 POOL_RADIUS = 2
@@ -138,7 +143,7 @@ def bias_test(
     total = squares = 0.0
     for one in (image, reference):
         if one.variance is None:
-            raise StatisticsError("there is no variance: noise cannot be told from bias")
+            raise StatisticsError(N_("there is no variance: noise cannot be told from bias"))
         if not one.is_known:
             variance = one.variance[mask] / n**2
             total += float(variance.sum())
@@ -148,7 +153,7 @@ def bias_test(
     # Light is not negative: where the reference is known to be black, nothing may scatter.
     is_black = reference.is_known and not reference.mean[mask].any()
     if random and total == 0 and abs(bias) > bound and not is_black:
-        raise StatisticsError("too few samples: none differs, so nothing tells the noise")
+        raise StatisticsError(N_("too few samples: none differs, so nothing tells the noise"))
     return _bias_test(bias, math.sqrt(total), dof, bound, confidence)
 
 
@@ -177,9 +182,9 @@ def bias_test_from_scatter(
     sums = np.bincount(label, weights=difference[mask] - bias)
     tiles = n**2 / float((sizes.astype(float) ** 2).sum())
     if tiles < MIN_TILES:
+        size = f"{tile} x {tile}"
         raise StatisticsError(
-            f"{n} pixels without a variance make {tiles:.1f} tiles of {tile} x {tile}, and "
-            f"{MIN_TILES} are needed: noise cannot be told from bias"
+            TOO_FEW_TILES.format(pixels=n, tiles=f"{tiles:.1f}", size=size, least=MIN_TILES)
         )
     variance = float((sums**2).sum()) / n**2 * tiles / (tiles - 1)
     bound = _mean_bound(image, reference, mask)

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from penumbra.language import N_, _, localised, say
+
 Row = Mapping[str, Any]
 
 SERIES = ("renderer", "sampler", "estimator", "threads")
@@ -127,7 +129,7 @@ def answer(rows: Sequence[Row], region: str, target: float) -> dict[str, Any]:
     choice = cheapest([row for row in here if row["renderer"] == "penumbra"], target)
     others = []
     for name, wanted in (
-        ("the lab's way", ("penumbra", "independent", "textbook")),
+        (N_("the lab's way"), ("penumbra", "independent", "textbook")),
         ("Cycles", ("cycles", None, None)),
     ):
         found = [c for key, c in curves(here).items() if key[:3] == wanted]
@@ -140,7 +142,7 @@ def answer(rows: Sequence[Row], region: str, target: float) -> dict[str, Any]:
         "choice": None if choice is None else dict(choice),
         "others": others,
     }
-    return entry | {"text": _answer_text(entry)}
+    return entry | {"text": answer_text(entry)}
 
 
 def _need_entry(found: Need | None) -> dict[str, Any]:
@@ -150,30 +152,33 @@ def _need_entry(found: Need | None) -> dict[str, Any]:
     return {"light_samples": n, "seconds": found.seconds, "extrapolated": found.extrapolated}
 
 
-def _answer_text(entry: Mapping[str, Any]) -> str:
+def answer_text(entry: Mapping[str, Any]) -> str:
+    """An answer in words."""
     goal = f"{percent(entry['target'])} {place(entry['region'])}"
     choice = entry["choice"]
     if choice is None:
-        text = f"For {goal} no measured setting is enough."
+        said = say("For {goal} no measured setting is enough.", goal=goal)
     else:
-        text = (
-            f"For {goal} use {options(choice)}: it takes {duration(choice['seconds'])} "
-            f"(error {percent(choice['relative_rmse'])})."
+        said = say(
+            "For {goal} use {options}: it takes {time} (error {error}).",
+            goal=goal,
+            options=options(choice),
+            time=duration(choice["seconds"]),
+            error=percent(choice["relative_rmse"]),
         )
-    for other in entry["others"]:
-        if other["seconds"] is None:
-            text += f" {other['name'][:1].upper()}{other['name'][1:]} did not get there."
-            continue
-        n = other["light_samples"]
-        if other["extrapolated"]:
-            how, samples = "about ", f"N about {float(f'{n:.2g}'):.0f}, extrapolated"
-        else:
-            how, samples = "", f"N = {n}"
-        text += (
-            f" {other['name'][:1].upper()}{other['name'][1:]} takes {how}"
-            f"{duration(other['seconds'])} ({samples})."
-        )
-    return text
+    return " ".join([said, *map(_other_text, entry["others"])])
+
+
+def _other_text(other: Mapping[str, Any]) -> str:
+    name, n, seconds = _(other["name"]), other["light_samples"], other["seconds"]
+    name = name[:1].upper() + name[1:]
+    if seconds is None:
+        return say("{name} did not get there.", name=name)
+    text = N_("{name} takes {time} (N = {n}).")
+    if other["extrapolated"]:
+        text = N_("{name} takes about {time} (N about {n}, extrapolated).")
+        n = f"{float(f'{n:.2g}'):.0f}"
+    return say(text, name=name, time=duration(seconds), n=n)
 
 
 def trial(answered: Mapping[str, Any], rows: Sequence[Row], scene: str) -> dict[str, Any]:
@@ -255,22 +260,27 @@ def verdict_text(trials: Sequence[Mapping[str, Any]]) -> str:
     """All trials in a sentence."""
     made = [t for t in trials if t["verdict"] != "no choice"]
     if not made:
-        return "No recommendation was tried on another scene."
+        return _("No recommendation was tried on another scene.")
     reached = [t for t in made if t["verdict"] == "reached"]
     fast = [t for t in reached if t["time_ratio"] is not None and t["time_ratio"] <= NEARLY_BEST]
     ratios = [t["method_ratio"] for t in made if t["method_ratio"] is not None]
-    text = (
-        f"On scenes that it was not fitted on the recommended setting reached its target in "
-        f"{len(reached)} of {len(made)} cases, and in {len(fast)} of these nothing measured was "
-        f"more than {NEARLY_BEST:g} times faster."
+    said = say(
+        "On scenes that it was not fitted on the recommended setting reached its target in "
+        "{reached} of {made} cases, and in {fast} of these nothing measured was more than "
+        "{nearly:g} times faster.",
+        reached=len(reached),
+        made=len(made),
+        fast=len(fast),
+        nearly=NEARLY_BEST,
     )
     if ratios:
-        text += (
-            f" With N adapted to the scene the recommended method takes, in the median, "
-            f"{np.median(ratios):.2f} times as long as the best one, {max(ratios):.2f} times "
-            "at worst."
+        said += " " + say(
+            "With N adapted to the scene the recommended method takes, in the median, "
+            "{median:.2f} times as long as the best one, {worst:.2f} times at worst.",
+            median=float(np.median(ratios)),
+            worst=max(ratios),
         )
-    return text
+    return said
 
 
 # Words
@@ -291,11 +301,13 @@ def place(region: str) -> str:
     ('in the penumbra', 'where all light is seen', 'over all objects', 'on floor')
     """
     words = {
-        "penumbra": "in the penumbra",
-        "lit": "where all light is seen",
-        "all": "over all objects",
+        "penumbra": _("in the penumbra"),
+        "lit": _("where all light is seen"),
+        "all": _("over all objects"),
+        "floor": _("on floor"),
+        "sphere": _("on sphere"),
     }
-    return words.get(region, f"on {region}")
+    return words.get(region) or say("on {region}", region=region)
 
 
 def percent(value: float) -> str:
@@ -303,7 +315,7 @@ def percent(value: float) -> str:
     >>> percent(0.003), percent(0.0123456), percent(2e-7)
     ('0.3%', '1.23%', '2e-05%')
     """
-    return f"{100 * value:.3g}%"
+    return localised(f"{100 * value:.3g}%")
 
 
 def duration(seconds: float) -> str:
@@ -312,9 +324,9 @@ def duration(seconds: float) -> str:
     ('1.9 ms', '0.21 ms', '110 s', '17 min', '2.5 h')
     """
     if seconds < 1:
-        return f"{float(f'{1000 * seconds:.2g}'):g} ms"
+        return localised(f"{float(f'{1000 * seconds:.2g}'):g} ms")
     if seconds < 1000:
-        return f"{float(f'{seconds:.2g}'):g} s"
+        return localised(f"{float(f'{seconds:.2g}'):g} s")
     if seconds < 6000:
         return f"{seconds / 60:.0f} min"
-    return f"{float(f'{seconds / 3600:.2g}'):g} h"
+    return localised(f"{float(f'{seconds / 3600:.2g}'):g} h")

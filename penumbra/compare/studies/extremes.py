@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from penumbra.language import N_
+
 Scene = dict[str, Any]
 """A scene file's content."""
 Build = Callable[[float], Scene]
@@ -192,146 +194,153 @@ def signed(low: int, high: int) -> tuple[float, ...]:
 
 SWEEPS = (
     Sweep(
-        "size", "A light of side s, 1 m away", "s [m]", decades(-6, 6), light_of_side, "absorption",
-        "A small light's corners differ by less than a float at 1 m resolves: corner + s u absorbs "
-        "s u, and the light becomes a point. What it adds up to stays right.",
+        "size", N_("A light of side s, 1 m away"), "s [m]", decades(-6, 6),
+        light_of_side, "absorption",
+        N_("A small light's corners differ by less than a float at 1 m resolves: corner + s u "
+        "absorbs s u, and the light becomes a point. What it adds up to stays right."),
     ),
     Sweep(
-        "distance", "A light of 1 m at distance d", "d [m]", decades(-6, 6),
+        "distance", N_("A light of 1 m at distance d"), "d [m]", decades(-6, 6),
         lambda d: light_of_side(1, d), "absorption",
-        "Far away as before. Close by, the light's plane is nearly that of the point.",
+        N_("Far away as before. Close by, the light's plane is nearly that of the point."),
     ),
     Sweep(
-        "grazing", "A light at grazing angle", "angle [rad]", decades(-7, -1),
+        "grazing", N_("A light at grazing angle"), "angle [rad]", decades(-7, -1),
         lambda a: standing_light(a, 2 * a), "cancellation",
-        "cos is the small difference of large products: n . w keeps the error of w's length.",
+        N_("cos is the small difference of large products: n . w keeps the error of w's length."),
     ),
     Sweep(
-        "tilted", "The same, the scene tilted", "angle [rad]", decades(-7, -1),
+        "tilted", N_("The same, the scene tilted"), "angle [rad]", decades(-7, -1),
         lambda a: tilted(standing_light(a, 2 * a)), "cancellation",
-        "Put back on the floor, a point of a level floor is exactly on it, and grazing light loses "
-        "nothing. On a tilted one it is off by a rounding, and n . w is a difference of 1 and 1.",
+        N_("Put back on the floor, a point of a level floor is exactly on it, and grazing light "
+        "loses nothing. On a tilted one it is off by a rounding, and n . w is a difference of "
+        "1 and 1."),
     ),
     Sweep(
-        "plane", "A point at height h before the light's plane", "h [m]", signed(-7, -1),
+        "plane", N_("A point at height h before the light's plane"), "h [m]", signed(-7, -1),
         lambda h: lit_floor((2, h, -0.5)), "cancellation",
-        "Beside the light, just in front of its plane, in it and behind it.",
+        N_("Beside the light, just in front of its plane, in it and behind it."),
     ),
     Sweep(
-        "edge", "A point at height h before the light's edge", "h [m]", decades(-7, 0),
+        "edge", N_("A point at height h before the light's edge"), "h [m]", decades(-7, 0),
         lambda h: lit_floor((0.1, h, -0.5)), "overflow",
-        "1 / d^2 is unbounded where a light touches a surface.",
+        N_("1 / d^2 is unbounded where a light touches a surface."),
     ),
     Sweep(
-        "corner", "A point at height h before the light's corner", "h [m]", decades(-7, 0),
-        lambda h: lit_floor((0.1, h, 0.05)), "overflow", "As at the edge.",
+        "corner", N_("A point at height h before the light's corner"), "h [m]", decades(-7, 0),
+        lambda h: lit_floor((0.1, h, 0.05)), "overflow", N_("As at the edge."),
     ),
     Sweep(
-        "touching", "A tilted light that ends at height h above the floor", "h [m]",
+        "touching", N_("A tilted light that ends at height h above the floor"), "h [m]",
         (0.0, *decades(-7, 0)), lambda h: lit_floor((1, h, -0.5), (-1, 1, 0)), "cancellation",
-        "At h = 0 the light's lower edge lies in the floor.",
+        N_("At h = 0 the light's lower edge lies in the floor."),
     ),
     Sweep(
-        "standing", "A vertical light that ends at height h", "h [m]", signed(-7, -1),
+        "standing", N_("A vertical light that ends at height h"), "h [m]", signed(-7, -1),
         lambda h: standing_light(h, 1), "cancellation",
-        "Below the floor (h < 0) the light's lower part is hidden by the horizon.",
+        N_("Below the floor (h < 0) the light's lower part is hidden by the horizon."),
     ),
     Sweep(
-        "shear", "A sheared light, v = k u + 1 m across", "k", (0.0, *decades(-1, 6)),
+        "shear", N_("A sheared light, v = k u + 1 m across"), "k", (0.0, *decades(-1, 6)),
         lambda k: lit_floor((0.5 + k / 2, 1, -0.5), (-1, 0, 0), (-k, 0, 1)), "cancellation",
-        "|u x v| stays 1 while |u||v| grows: the area is a difference of large products.",
+        N_("|u x v| stays 1 while |u||v| grows: the area is a difference of large products."),
     ),
     Sweep(
-        "needle", "A needle: sides a and 1 / a", "a", decades(0, 6),
+        "needle", N_("A needle: sides a and 1 / a"), "a", decades(0, 6),
         lambda a: lit_floor((a / 2, 1, -0.5 / a), (-a, 0, 0), (0, 0, 1 / a)), "absorption",
-        "Most of it is far away.",
+        N_("Most of it is far away."),
     ),
     Sweep(
-        "degenerate", "Edges at angle a to each other", "angle [rad]", (2e-9, *decades(-8, 0)),
+        "degenerate", N_("Edges at angle a to each other"), "angle [rad]", (2e-9, *decades(-8, 0)),
         lambda a: lit_floor((0.5, 1, 0), (-1, 0, 0), (-math.cos(a), 0, math.sin(a))),
-        "cancellation", "u x v is the difference of near-equal products.",
+        "cancellation", N_("u x v is the difference of near-equal products."),
     ),
     Sweep(
-        "translation", "The scene moved by t on every axis", "t [m]", (0.0, *decades(0, 7)),
+        "translation", N_("The scene moved by t on every axis"), "t [m]", (0.0, *decades(0, 7)),
         lambda t: translated(light_of_side(1), t), "absorption",
-        "At 1e7 floats are 1 m apart: the scene's numbers themselves are absorbed.",
+        N_("At 1e7 floats are 1 m apart: the scene's numbers themselves are absorbed."),
     ),
     Sweep(
-        "scale", "The scene scaled by k", "k", decades(-6, 6),
+        "scale", N_("The scene scaled by k"), "k", decades(-6, 6),
         lambda k: scaled(light_of_side(1), k),
-        "none", "Powers of ten round; nothing is added to anything else. d^4 must not overflow.",
+        "none",
+        N_("Powers of ten round; nothing is added to anything else. d^4 must not overflow."),
     ),
     Sweep(
-        "power", "A light of power p", "p [W m^-2 sr^-1]",
+        "power", N_("A light of power p"), "p [W m^-2 sr^-1]",
         (0.0, 1e-38, 1e-30, *decades(-6, 6)[::3], 1e20, 1e30), lambda p: lit_floor(power=p),
         "underflow",
-        "1e-38 is at the end of float32's range: the products below it lose digits.",
+        N_("1e-38 is at the end of float32's range: the products below it lose digits."),
     ),
     Sweep(
-        "colour", "A surface and a light of colour c", "c",
+        "colour", N_("A surface and a light of colour c"), "c",
         (0.0, 1e-30, 1e-20, *decades(-6, 6)[::2]),
         lambda c: lit_floor(color=(c, c, c), surface=(c, c, c)), "underflow",
-        "The product of two colours of 1e-20 is 1e-40: float32 keeps four digits of it.",
+        N_("The product of two colours of 1e-20 is 1e-40: float32 keeps four digits of it."),
     ),
     Sweep(
-        "sphere", "A sphere of radius r between floor and light", "r [m]", decades(-6, 6),
+        "sphere", N_("A sphere of radius r between floor and light"), "r [m]", decades(-6, 6),
         lambda r: lit_floor(spheres=[((r, 0.5, 0.05), r)], look_at=(-0.2, 0, 0.05)), "cancellation",
-        "The edge of a large sphere is a wall; r^2 - d^2 is a small difference of large squares.",
+        N_("The edge of a large sphere is a wall; r^2 - d^2 is a small difference of large "
+        "squares."),
     ),
     Sweep(
-        "inside", "Camera and light in a sphere of radius r", "r [m]", decades(-6, 6), in_a_ball,
-        "none", "Its far wall is seen and lit.",
+        "inside", N_("Camera and light in a sphere of radius r"), "r [m]", decades(-6, 6),
+        in_a_ball, "none", N_("Its far wall is seen and lit."),
     ),
     Sweep(
-        "enclosed", "A light in a sphere of radius r", "r [m]", decades(-6, 6), light_in_a_ball,
-        "none", "No light leaves the sphere: every number outside is exactly 0.",
+        "enclosed", N_("A light in a sphere of radius r"), "r [m]", decades(-6, 6), light_in_a_ball,
+        "none", N_("No light leaves the sphere: every number outside is exactly 0."),
     ),
     Sweep(
-        "tangent", "A sphere of radius r on the floor", "r [m]", decades(-3, 0, 3)[:-1],
-        ball_on_the_floor, "cancellation", "Sphere and floor touch.",
+        "tangent", N_("A sphere of radius r on the floor"), "r [m]", decades(-3, 0, 3)[:-1],
+        ball_on_the_floor, "cancellation", N_("Sphere and floor touch."),
     ),
     Sweep(
-        "touch", "A sphere at distance g below the light", "g [m]", signed(-7, -2),
+        "touch", N_("A sphere at distance g below the light"), "g [m]", signed(-7, -2),
         lambda g: lit_floor(spheres=[((0, 0.7 - g, 0), 0.3)], look_at=(0.35, 0, 0.05)),
-        "cancellation", "At g = 0 it touches the light, below 0 it pierces it.",
+        "cancellation", N_("At g = 0 it touches the light, below 0 it pierces it."),
     ),
     Sweep(
-        "disk-size", "A disk light of radius r, 1 m away", "r [m]", decades(-6, 6),
+        "disk-size", N_("A disk light of radius r, 1 m away"), "r [m]", decades(-6, 6),
         lambda r: under("disk", center=[0, 1, 0], normal=[0, 1, 0], radius=r), "absorption",
-        "As a small square: its frame is made of the normal, and the centre absorbs it.",
+        N_("As a small square: its frame is made of the normal, and the centre absorbs it."),
     ),
     Sweep(
-        "disk-plane", "A point at height h before a disk light's plane", "h [m]", signed(-7, -1),
-        lambda h: under("disk", center=[1.5, h, 0], normal=[0, 1, 0], radius=0.5), "cancellation",
-        "The disk is seen edge-on: beside it, just in front of its plane, in it and behind it.",
+        "disk-plane", N_("A point at height h before a disk light's plane"), "h [m]",
+        signed(-7, -1), lambda h: under("disk", center=[1.5, h, 0], normal=[0, 1, 0], radius=0.5),
+        "cancellation",
+        N_("The disk is seen edge-on: beside it, just in front of its plane, in it and behind it."),
     ),
     Sweep(
-        "disk-standing", "A vertical disk light that ends at height h", "h [m]", signed(-7, -1),
+        "disk-standing", N_("A vertical disk light that ends at height h"), "h [m]", signed(-7, -1),
         lambda h: under("disk", center=[1, 0.5 + h, 0], normal=[1, 0, 0], radius=0.5),
-        "cancellation", "Below the floor (h < 0) the horizon cuts a piece of it off.",
+        "cancellation", N_("Below the floor (h < 0) the horizon cuts a piece of it off."),
     ),
     Sweep(
-        "triangle-sliver", "A triangle light with an angle a", "a [rad]", (2e-9, *decades(-8, 0)),
+        "triangle-sliver", N_("A triangle light with an angle a"), "a [rad]",
+        (2e-9, *decades(-8, 0)),
         lambda a: under(
             "triangle", position=[0.5, 1, 0], u=[-1, 0, 0], v=[-math.cos(a), 0, math.sin(a)]
         ),
-        "cancellation", "u x v is the difference of near-equal products.",
+        "cancellation", N_("u x v is the difference of near-equal products."),
     ),
     Sweep(
-        "triangle-standing", "A vertical triangle light whose corner is at height h", "h [m]",
+        "triangle-standing", N_("A vertical triangle light whose corner is at height h"), "h [m]",
         signed(-7, -1),
         lambda h: under("triangle", position=[1, h, 0], u=[0, 1, -0.5], v=[0, 1, 0.5]),
-        "cancellation", "Below the floor (h < 0) its corner is hidden by the horizon.",
+        "cancellation", N_("Below the floor (h < 0) its corner is hidden by the horizon."),
     ),
     Sweep(
-        "sphere-light-size", "A sphere light of radius r, its surface 1 m away", "r [m]",
+        "sphere-light-size", N_("A sphere light of radius r, its surface 1 m away"), "r [m]",
         decades(-6, 6), lambda r: under("sphere", center=[0, 1 + r, 0], radius=r), "absorption",
-        "A large one is a ceiling: the place on it is a small difference of centre and radius.",
+        N_("A large one is a ceiling: the place on it is a small difference of centre and radius."),
     ),
     Sweep(
-        "sphere-light-touching", "A sphere light of radius 0.5 m that ends at height h", "h [m]",
-        (-0.5, -0.25, *signed(-7, -1)),
+        "sphere-light-touching", N_("A sphere light of radius 0.5 m that ends at height h"),
+        "h [m]", (-0.5, -0.25, *signed(-7, -1)),
         lambda h: under("sphere", (0, 0, 0), center=[0, 0.5 + h, 0], radius=0.5), "cancellation",
-        "At h = 0 it touches the floor, below 0 it stands in it: inside, the floor gets nothing.",
+        N_("At h = 0 it touches the floor, below 0 it stands in it: inside, the floor gets "
+        "nothing."),
     ),
 )  # fmt: skip

@@ -26,6 +26,7 @@ from penumbra.compare.run import provenance
 from penumbra.compare.run.library import build_of, load
 from penumbra.compare.run.output import write_csv, write_json
 from penumbra.compare.scene import Scene, read_scene
+from penumbra.language import N_
 
 SCENE = provenance.ROOT / "scenes" / "tp3.json"
 LIBRARY = provenance.ROOT / "build" / "lib" / "libself_shadow.so"
@@ -127,7 +128,7 @@ def aimed_scenes(lab: Scene | None = None) -> tuple[AimedScene, ...]:
         _lab(lab or read_scene(SCENE)),
         _turned(
             "contact",
-            "a ball on the floor, seen close to where they touch; the light stands beside them",
+            N_("a ball on the floor, seen close to where they touch; the light stands beside them"),
             spheres=[(0, 1, 0, 1)],
             floor=True,
             quad=[(3, 0.1, -1), (0, 1, 0), (0, 0, 2)],
@@ -136,7 +137,7 @@ def aimed_scenes(lab: Scene | None = None) -> tuple[AimedScene, ...]:
         ),
         _turned(
             "crevice",
-            "the same, a hundred times closer",
+            N_("the same, a hundred times closer"),
             spheres=[(0, 1, 0, 1)],
             floor=True,
             quad=[(3, 0.1, -1), (0, 1, 0), (0, 0, 2)],
@@ -145,7 +146,7 @@ def aimed_scenes(lab: Scene | None = None) -> tuple[AimedScene, ...]:
         ),
         _turned(
             "below",
-            "the same ball and floor, the light under the floor: nothing may be lit",
+            N_("the same ball and floor, the light under the floor: nothing may be lit"),
             spheres=[(0, 1, 0, 1)],
             floor=True,
             quad=[(-1, -3, -1), (2, 0, 0), (0, 0, 2)],
@@ -154,7 +155,7 @@ def aimed_scenes(lab: Scene | None = None) -> tuple[AimedScene, ...]:
         ),
         _turned(
             "small",
-            "a ball of 1/100 on the floor under a light of 1/10",
+            N_("a ball of 1/100 on the floor under a light of 1/10"),
             spheres=[(0, 0.01, 0, 0.01)],
             floor=True,
             quad=[(0.05, 1, -0.05), (-0.1, 0, 0), (0, 0, 0.1)],
@@ -163,7 +164,7 @@ def aimed_scenes(lab: Scene | None = None) -> tuple[AimedScene, ...]:
         ),
         _turned(
             "grazing",
-            "a low hill (the top of a ball sunk in the floor), its light standing on the floor",
+            N_("a low hill (the top of a ball sunk in the floor), its light standing on the floor"),
             spheres=[(0, -9.95, 0, 10)],
             floor=True,
             quad=[(4, 0, -1), (0, 0.1, 0), (0, 0, 2)],
@@ -172,7 +173,7 @@ def aimed_scenes(lab: Scene | None = None) -> tuple[AimedScene, ...]:
         ),
         _turned(
             "inside",
-            "camera, light and a ball that touches the wall, all inside a ball",
+            N_("camera, light and a ball that touches the wall, all inside a ball"),
             spheres=[(0, 0, 0, 3), (0, -2.5, 0, 0.5)],
             floor=False,
             quad=[(0.5, 2, -0.5), (-1, 0, 0), (0, 0, 1)],
@@ -191,7 +192,7 @@ def _lab(scene: Scene) -> AimedScene:
     corner = np.array(c.position) + np.array(c.forward) - right - up
     return AimedScene(
         scene.name,
-        "the lab's scene",
+        N_("the lab's scene"),
         np.array([(*s.center, s.radius) for s in scene.spheres]),
         np.array([(*p.point, *p.normal) for p in scene.planes]),
         np.concatenate([light.corner, light.edge_u, light.edge_v]),

@@ -37,6 +37,7 @@ from penumbra.compare.run.tasks import (
 from penumbra.compare.scene import Scene, read_scene
 from penumbra.compare.studies import choice
 from penumbra.compare.studies.convergence import FLOOR, mse_floor
+from penumbra.language import N_, speaking
 
 LIGHT_SAMPLES = tuple(2**i for i in range(15))
 """1 to 16384, as far as MAX_SECONDS lets each method go"""
@@ -67,7 +68,7 @@ SLOPE_FROM = 4
 STRIP_SECONDS = 0.003
 STRIP_ERROR = 0.01
 """What the strips of pictures have in common: a time [s], an error in the penumbra."""
-CLOCK = "wall time of render() in one warm process: no start-up, no reading, no writing"
+CLOCK = N_("wall time of render() in one warm process: no start-up, no reading, no writing")
 
 EDGE, SMOOTH = "penumbra", "lit"
 THEORY = {
@@ -115,6 +116,7 @@ class TradeStudy:
         return self.out.with_name(self.out.name + suffix)
 
 
+@speaking("en")  # what is recorded, and read by programs
 def trade(study: TradeStudy, scheduler: Scheduler | None = None) -> dict[str, Any]:
     """Measure, choose, try the choice elsewhere; write <out>.csv and <out>.json; return what
     the JSON holds.
@@ -429,14 +431,14 @@ def slopes(measured: _MeasuredScene, frames: Sequence[Frame]) -> list[dict[str, 
 def _fit(by_n: dict[int | None, list[Frame]], region: str, floor: float) -> dict[str, Any]:
     nothing: dict[str, Any] = {"slope": None, "low": None, "high": None, "light_samples": []}
     if None in by_n:
-        return nothing | {"reason": "no N"}
+        return nothing | {"reason": N_("no N")}
     used = sorted(n for n in by_n if n is not None and n >= SLOPE_FROM)
     if len(used) < 3:
-        return nothing | {"reason": "fewer than three N"}
+        return nothing | {"reason": N_("fewer than three N")}
     mse = np.array([[f.mse[region] for f in by_n[n]] for n in used])
     slope = fit_slope(np.array(used), mse, 0.0, floor, CONFIDENCE)
     if slope is None:
-        return nothing | {"reason": "no more error than rounding explains"}
+        return nothing | {"reason": N_("no more error than rounding explains")}
     return {
         "slope": slope.slope,
         "low": slope.low,

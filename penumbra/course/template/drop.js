@@ -60,7 +60,11 @@ function countsInName(name) {
   const MARKS = { right: "✓", wrong: "✕", "cannot tell": "?" };
   const part = (name) => document.getElementById(`drop-${name}`);
   const word = (key, values) => say(WORDS[key], values);
-  const listed = ({ list, format }) => list.map((x) => number(x, format)).join(", ");
+  const listed = ({ list, format }) => list.map((x) => number(x, format)).join(say(", "));
+  const placed = (object) => {
+    const [of_object, on_object] = DROP.objects[object].map((text) => say(text));
+    return { of_object, on_object };
+  };
 
   /* Of the picture, no faults of the light. */
   const FACTS = {
@@ -76,10 +80,10 @@ function countsInName(name) {
     aspect: (v) => say("your picture is stretched horizontally, by {aspect:.2f}", v),
     flip_x: () => say("your picture is mirrored, left for right"),
     flip_y: () => say("your picture is upside down"),
-    transfer: (v) => say("your picture went through a curve ({curve}); the lab saves linear values", v),
+    transfer: (v) => say("your picture went through a curve ({curve}); the lab saves linear values", { curve: say(v.curve) }),
     no_background: () => say("your picture shows no background where the scene has it"),
     background: (v) => say("your picture's background is ({mine}), the scene's is ({want})", { mine: listed(v.mine), want: listed(v.want) }),
-    colours: ({ object, colour, stated }) => word("colours", { object, colour: listed(colour), stated: listed(stated) }),
+    colours: ({ object, colour, stated }) => word("colours", { ...placed(object), colour: listed(colour), stated: listed(stated) }),
   };
   const fact = ({ text, values }) => (text in FACTS ? FACTS[text](values) : word(text, values));
 
@@ -109,7 +113,7 @@ function countsInName(name) {
   function observations(found) {
     const said = [];
     for (const { kind, object, ratio, standardError, trend } of found.regions) {
-      const region = word(`region_${kind}`, { object }), off = Math.abs(ratio - 1);
+      const region = word(`region_${kind}`, placed(object)), off = Math.abs(ratio - 1);
       if (kind === "shadow") {
         if (ratio > 1.5 / 255) said.push([ratio * 10, word("region_not_black", { region, value: 255 * ratio })]);
       } else if (off > Math.max(4 * standardError, 0.006)) {
@@ -128,11 +132,11 @@ function countsInName(name) {
   }
 
   function confidence({ confidence: share }) {
-    return word("confidence", { confidence: share > 0.999 ? say("above 99.9%") : number(share, ".1%") });
+    return share > 0.999 ? word("sure") : word("confidence", { share });
   }
 
   function detection(found) {
-    const brightness = say("{brightness:.2g}%", { brightness: 100 * found.detectableBrightness });
+    const brightness = localised(formatted(100 * found.detectableBrightness, ".2g") + "%");
     if (found.lightSamples === 1 || found.detectableSamples < 1) return word("detectable_mean", { brightness });
     return word("detectable", { brightness, samples: Math.ceil(found.detectableSamples), n: found.lightSamples });
   }
@@ -167,8 +171,8 @@ function countsInName(name) {
     } else if (found.verdict === "wrong") {
       if (seen.length) add(word("observed"), lines(seen));
       add(word(found.several ? "several" : "cause"), ...found.mistakes.map((name) => mistake(name, found, hint)));
-      if (found.perhaps.length && !found.mistakes.includes(UNKNOWN)) parts.push(made("p", {}, `${word("perhaps")} ${titles(found.perhaps)}`));
-      if (hint >= 3 && found.alike.length) parts.push(made("p", {}, word("alike", { titles: found.alike.map(titles).join("; ") })));
+      if (found.perhaps.length && !found.mistakes.includes(UNKNOWN)) parts.push(made("p", {}, word("perhaps") + " " + titles(found.perhaps)));
+      if (hint >= 3 && found.alike.length) parts.push(made("p", {}, word("alike", { titles: found.alike.map(titles).join(say("; ")) })));
       if (hint >= 3 && found.runnersUp.length && !found.mistakes.includes(UNKNOWN)) {
         const odds = (value) => (value < 1e4 ? number(value, ".0f") : `10^${Math.round(Math.log10(value))}`);
         add(word("runners"), lines(found.runnersUp.map((other) => word("odds", { odds: odds(other.odds), titles: titles(other.names) }))));
@@ -179,7 +183,7 @@ function countsInName(name) {
     if (found.facts.length) add(word("picture"), lines(found.facts.map(fact)));
     if (found.verdict === "right") {
       parts.push(made("p", {}, detection(found)));
-      if (found.hidden.length && hint >= 2) parts.push(made("p", {}, word("hidden", { mistakes: found.hidden.map(title).join("; ") })));
+      if (found.hidden.length && hint >= 2) parts.push(made("p", {}, word("hidden", { mistakes: found.hidden.map(title).join(say("; ")) })));
     }
     if (found.settle.length && found.verdict !== "wrong") {
       const what = found.settle.map(({ text, values }) => word(text, values)).join(say("; or "));
@@ -222,7 +226,7 @@ function countsInName(name) {
       paint(mistaken, await core.mistaken(scene, choices, {
         width, height, nb_light_samples: Math.min(found.lightSamples, 256), samples_per_pixel: Math.min(found.pixelSamples, 4), position_x: place, position_y: place, divisor,
       }));
-      panes.push(pane(mistaken, () => say("A program with this mistake"), () => say("What a program with this mistake makes")));
+      panes.push(pane(mistaken, () => say("What explains yours best: a program with what is named above"), () => say("What a program with these mistakes makes")));
     }
     return made("div", { className: "pictures" }, ...panes);
   }
@@ -305,7 +309,7 @@ function countsInName(name) {
     ["1", () => say("where to look")],
     ["2", () => say("the mistake’s name")],
     ["3", () => say("the formula and the evidence")],
-  ], "2");
+  ], "3");
 
   part("file").addEventListener("change", ({ target }) => { if (target.files.length) take(target.files[0]); });
   part("form").addEventListener("submit", (event) => { event.preventDefault(); start(); });

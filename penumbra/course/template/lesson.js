@@ -478,9 +478,10 @@ class Accumulation {
       panes: () => {
         // Points lie evenly on the logarithmic axis.
         const n = Math.max(1, Math.min(Math.floor(this.total / 2), Accumulation.MOST - this.total));
+        const { points } = this; // of a run that may have ended when the frame is there
         return [{
           ...this.pane(), settings: { nb_light_samples: n, seed: this.seed + this.total },
-          show: (frame) => this.shown(frame, n),
+          show: (frame) => (points === this.points ? this.shown(frame, n) : frame),
         }];
       },
       rested: async (figure) => {

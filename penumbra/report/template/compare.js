@@ -1,4 +1,5 @@
 // The image comparer: two HDR images side by side in one canvas. No library, no network.
+// Its words are said by words.js.
 "use strict";
 
 (() => {
@@ -99,7 +100,8 @@
     try {
       [a, b] = await Promise.all([pixelsOf(state.a), pixelsOf(state.b)]);
     } catch (error) {
-      $("note").textContent = `This browser cannot unpack the images (${error.message}).`;
+      $("note").textContent = say("This browser cannot unpack the images ({reason}).",
+                                  { reason: error.message });
       return;
     }
     if (!sameSize() && (state.mode === "split" || state.mode === "difference")) {
@@ -138,7 +140,7 @@
   // ---- words and numbers around the canvas ----------------------------------------------
 
   const number = (v) => (v === 0 ? "0" : Math.abs(v) < 1e-3 || Math.abs(v) >= 1e4
-    ? v.toExponential(3) : v.toPrecision(4)).replace("-", "\u2212");
+    ? localised(v.toExponential(3)) : localised(v.toPrecision(4))).replace("-", "\u2212");
 
   function describe(image, a, b) {
     const { mode, split, stops, gainStops } = state;
@@ -147,15 +149,16 @@
       radio.disabled = !sameSize() && (radio.value === "split" || radio.value === "difference");
     }
     $("note").textContent = sameSize() ? "" :
-      "The two images differ in size: flip between them; split and difference need equal sizes.";
+      say("The two images differ in size: flip between them; split and difference need equal sizes.");
     $("a").value = state.a;
     $("b").value = state.b;
     $("split").value = Math.round(100 * split);
     $("split").disabled = mode !== "split";
-    $("split-value").textContent = `${Math.round(100 * split)} %`;
+    $("split-value").textContent = localised(`${Math.round(100 * split)} %`);
     $("exposure").value = stops;
     $("exposure").disabled = mode === "difference";
-    $("exposure-value").textContent = `${signed(stops)} stops (\u00d7${factor(2 ** stops)})`;
+    $("exposure-value").textContent = say("{count} stops (×{factor})",
+                                          { count: signed(stops), factor: factor(2 ** stops) });
     $("gain").value = gainStops;
     $("gain").disabled = mode !== "difference";
     $("gain-value").textContent = `\u00d7${factor(2 ** gainStops)}`;
@@ -179,7 +182,7 @@
     marker.style.left = `${(state.x - state.left) * cell - centre}px`;
     marker.style.top = `${(state.y - state.top) * cell - centre}px`;
 
-    $("pixel").textContent = `pixel (${state.x}, ${state.y})`;
+    $("pixel").textContent = say("pixel ({x}, {y})", { x: state.x, y: state.y });
     const inB = state.x < images[state.b].width && state.y < images[state.b].height;
     const inA = state.x < images[state.a].width && state.y < images[state.a].height;
     ["R", "G", "B"].forEach((channel, c) => {
@@ -190,9 +193,11 @@
       set(`b-${channel}`, vb);
       set(`d-${channel}`, both ? va - vb : NaN);
     });
-    const shown = mode === "a" ? images[state.a].label : mode === "b" ? images[state.b].label
-      : `${images[state.a].label} against ${images[state.b].label}, ${mode}`;
-    canvas.setAttribute("aria-label", `Image comparer, showing ${shown}`);
+    const labels = { a: images[state.a].label, b: images[state.b].label };
+    canvas.setAttribute("aria-label",
+      mode === "split" ? say("Image comparer, showing {a} against {b}, split", labels)
+      : mode === "difference" ? say("Image comparer, showing {a} against {b}, difference", labels)
+      : say("Image comparer, showing {image}", { image: labels[mode] }));
   }
 
   function set(part, value) {
@@ -201,13 +206,13 @@
     cell.dataset.value = value;
   }
 
-  const signed = (v) => (v > 0 ? `+${v}` : `${v}`.replace("-", "\u2212"));
-  const factor = (v) => (v >= 100 ? v.toFixed(0) : String(Number(v.toPrecision(3))));
+  const signed = (v) => localised(v > 0 ? `+${v}` : `${v}`.replace("-", "\u2212"));
+  const factor = (v) => localised(v >= 100 ? v.toFixed(0) : Number(v.toPrecision(3)));
 
-  function say() {
-    const words = ["a", "b"].map((image) => `${image.toUpperCase()} `
-      + ["R", "G", "B"].map((c) => $(`${image}-${c}`).textContent).join(" "));
-    $("spoken").textContent = `${$("pixel").textContent}: ${words.join("; ")}`;
+  function speak() {
+    const [a, b] = ["a", "b"].map((image) =>
+      ["R", "G", "B"].map((c) => $(`${image}-${c}`).textContent).join(" "));
+    $("spoken").textContent = say("{pixel}: A {a}; B {b}", { pixel: $("pixel").textContent, a, b });
   }
 
   // ---- the view -------------------------------------------------------------------------
@@ -299,7 +304,7 @@
       inspect(state.x + step * arrow[0], state.y + step * arrow[1]);
       event.preventDefault();
       await draw();
-      say();
+      speak();
     } else if (action) {
       event.preventDefault();
       action();

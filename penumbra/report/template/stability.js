@@ -1,4 +1,5 @@
 // The stability map: a cell a scene, coloured by its rounding error. No library, no network.
+// Its words are said by words.js.
 "use strict";
 
 (() => {
@@ -18,7 +19,7 @@
   const power = (value) => value === 0 ? "0" : value === 1 ? "1"
     : "10" + superscript(Math.round(Math.log10(value)));
   const errorText = (value) => value === 0 ? "0"
-    : value.toExponential(1).replace(/e\+?(.*)/, (_, n) => " × 10" + superscript(n));
+    : localised(value.toExponential(1)).replace(/e\+?(.*)/, (_, n) => " × 10" + superscript(n));
 
   function element(name, attributes, text) {
     const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -52,8 +53,8 @@
     }));
     ratios.forEach((r, x) => element("text", { x: LEFT + (x + 0.5) * w, y: BOTTOM + 17, "text-anchor": "middle" }, power(r)));
     moves.forEach((m, y) => element("text", { x: LEFT - 7, y: BOTTOM - (y + 0.5) * h + 4, "text-anchor": "end" }, power(m)));
-    element("text", { x: (LEFT + WIDTH) / 2, y: BOTTOM + 38, "text-anchor": "middle" }, "side of the light over its distance");
-    element("text", { transform: `translate(12 ${(TOP + BOTTOM) / 2}) rotate(-90)`, "text-anchor": "middle" }, "translation [m]");
+    element("text", { x: (LEFT + WIDTH) / 2, y: BOTTOM + 38, "text-anchor": "middle" }, say("side of the light over its distance"));
+    element("text", { transform: `translate(12 ${(TOP + BOTTOM) / 2}) rotate(-90)`, "text-anchor": "middle" }, say("translation [m]"));
     element("rect", { class: "chosen", x: LEFT + state.x * w, y: BOTTOM - (state.y + 1) * h, width: w - 1, height: h - 1 });
     tell();
   }
@@ -61,8 +62,8 @@
   function tell() {
     const cell = at(state.x, state.y);
     const rows = [
-      ["side / distance", power(cell.ratio)],
-      ["translation", `${power(cell.translation)} m`],
+      [say("side / distance"), power(cell.ratio)],
+      [say("translation"), `${power(cell.translation)} m`],
       ["float32", errorText(cell.float32)],
       ["float64", errorText(cell.float64)],
     ];

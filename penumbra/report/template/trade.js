@@ -1,5 +1,5 @@
 // Error against time: draws the chart of #trade-data and tells what is under the pointer or the
-// keys. No library, no network.
+// keys. No library, no network. Its words are said by words.js.
 "use strict";
 
 (() => {
@@ -50,11 +50,12 @@
   const decades = (low, high) =>
     Array.from({ length: Math.floor(high) - Math.ceil(low) + 1 }, (_, i) => Math.ceil(low) + i);
   const timeText = (power) =>
-    power >= 0 ? `${10 ** power} s` : power >= -3 ? `${10 ** (power + 3)} ms`
-                                                  : `${10 ** (power + 6)} µs`;
+    localised(power >= 0 ? `${10 ** power} s` : power >= -3 ? `${10 ** (power + 3)} ms`
+                                                            : `${10 ** (power + 6)} µs`);
   const superscript = (n) => [...String(n)].map((c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻").join("");
   const errorText = (power) =>
-    power >= -5 ? `${+(10 ** (power + 2)).toPrecision(1)}%` : `10${superscript(power + 2)}%`;
+    localised(power >= -5 ? `${+(10 ** (power + 2)).toPrecision(1)}%`
+                          : `10${superscript(power + 2)}%`);
 
   // ---- drawing ---------------------------------------------------------------------------
 
@@ -86,9 +87,9 @@
     element("path", { class: "axis-line", fill: "none",
                       d: `M${LEFT} ${TOP}V${HEIGHT - BOTTOM}H${WIDTH - RIGHT}` }, plot);
     element("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 6, "text-anchor": "middle" }, plot,
-            "time of a frame");
+            say("time of a frame"));
     element("text", { transform: `translate(12 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)`,
-                      "text-anchor": "middle" }, plot, "relative error");
+                      "text-anchor": "middle" }, plot, say("relative error"));
   }
 
   const line = (points) => "M" + points.map((p) => `${px(p.x)} ${py(p.y)}`).join("L");
@@ -125,13 +126,13 @@
   function tell() {
     const p = state.chosen;
     const rows = !p ? [] : [
-      ["method", data.series[p.series].label],
+      [say("method"), data.series[p.series].label],
       ...(p.n ? [["N", String(p.n)]] : []),
-      ["time", `${p.time} (${p.timeRange})`],
-      ["error", `${p.error} (${p.errorRange})`],
-      ["efficiency", `${p.efficiency} 1/s`],
-      ["frontier", p.frontier ? "yes: none is faster and nearer" : "no"],
-      ["options", p.options],
+      [say("time"), `${p.time} (${p.timeRange})`],
+      [say("error"), `${p.error} (${p.errorRange})`],
+      [say("efficiency"), `${p.efficiency} 1/s`],
+      [say("frontier"), p.frontier ? say("yes: none is faster and nearer") : say("no")],
+      [say("options"), p.options],
     ];
     $("readout").replaceChildren(...rows.flatMap(([term, text]) => {
       const dt = document.createElement("dt"), dd = document.createElement("dd");
@@ -139,10 +140,12 @@
       dd.textContent = text;
       return [dt, dd];
     }));
-    $("spoken").textContent = p
-      ? `${data.series[p.series].label}${p.n ? `, N ${p.n}` : ""}: ${p.error} in ${p.time}`
-        + (p.frontier ? ", on the frontier" : "")
-      : "";
+    const said = p && {
+      method: `${data.series[p.series].label}${p.n ? `, N ${p.n}` : ""}`, error: p.error, time: p.time,
+    };
+    $("spoken").textContent = !p ? ""
+      : p.frontier ? say("{method}: {error} in {time}, on the frontier", said)
+      : say("{method}: {error} in {time}", said);
   }
 
   function choose(point) {

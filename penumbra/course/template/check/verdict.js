@@ -44,7 +44,7 @@ function verdictOf(diagnosis, miss) {
    says where the light seems to be, this says "unknown" or that it cannot tell. */
 function decide(diagnosis, strange, brightness) {
   const { view, best, right, sure } = diagnosis, top = best.variant, names = mistakesOf(top);
-  const say = (verdict, mistakes = [], perhaps = [], several = false) => ({ verdict, mistakes, perhaps, several });
+  const word = (verdict, mistakes = [], perhaps = [], several = false) => ({ verdict, mistakes, perhaps, several });
   const gain = best.score - right.score, named = names.length > 0 && gain > ACCUSED;
   let unexplained = diagnosis.unexplained > ACCUSED;
   if (named) {
@@ -52,24 +52,24 @@ function decide(diagnosis, strange, brightness) {
     unexplained = off || diagnosis.unexplained > 3 * ACCUSED || diagnosis.local > LOCAL;
   }
   const rest = names.filter((name) => !sure.includes(name));
-  if (strange && !(named && !unexplained && gain > DESPITE)) return say(CANNOT_TELL);
-  if (largest(view.value) < BLACK) return say(WRONG, ["black"]);
+  if (strange && !(named && !unexplained && gain > DESPITE)) return word(CANNOT_TELL);
+  if (largest(view.value) < BLACK) return word(WRONG, ["black"]);
   if (unexplained) {
-    if (view.picture.jpeg === "coarse") return say(CANNOT_TELL);
-    if (named && sure.length > 1) return say(WRONG, [...sure, UNKNOWN], rest, true);
-    if (named) return say(WRONG, [UNKNOWN], names);
-    if (diagnosis.loose >= NEAR && diagnosis.unexplained > UNNAMED) return say(WRONG, [UNKNOWN]);
-    return say(CANNOT_TELL);
+    if (view.picture.jpeg === "coarse") return word(CANNOT_TELL);
+    if (named && sure.length > 1) return word(WRONG, [...sure, UNKNOWN], rest, true);
+    if (named) return word(WRONG, [UNKNOWN], names);
+    if (diagnosis.loose >= NEAR && diagnosis.unexplained > UNNAMED) return word(WRONG, [UNKNOWN]);
+    return word(CANNOT_TELL);
   }
   if (named) {
     const certain = sure.length ? sure : names;
-    return say(WRONG, certain, sure.length ? rest : [], certain.length > 2);
+    return word(WRONG, certain, sure.length ? rest : [], certain.length > 2);
   }
-  if (brightness > BLIND) return say(CANNOT_TELL);
-  if (whitened(view)) return say(WRONG, [COLOURLESS]);
+  if (brightness > BLIND) return word(CANNOT_TELL);
+  if (whitened(view)) return word(WRONG, [COLOURLESS]);
   const { factor } = right.variant;
-  if (factor !== 1 && !plausiblePower(view, factor)) return say(CANNOT_TELL);
-  return say("right");
+  if (factor !== 1 && !plausiblePower(view, factor)) return word(CANNOT_TELL);
+  return word("right");
 }
 
 /* The scene's objects that are clearly not grey or white. */
