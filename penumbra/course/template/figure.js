@@ -101,11 +101,15 @@ class LiveFigure {
   }
 
   #wake() {
-    if (!this.core || !this.visible || document.hidden || !this.stale || this.busy) return;
+    if (!this.#due()) return;
     this.waking ||= requestAnimationFrame(() => {
       this.waking = 0;
-      this.#render().catch((error) => this.#complain(error));
+      if (this.#due()) this.#render();
     });
+  }
+
+  #due() {
+    return this.core && this.visible && !document.hidden && this.stale && !this.busy;
   }
 
   async #render() {
@@ -116,12 +120,15 @@ class LiveFigure {
     try {
       const frames = await Promise.all(panes.map((pane, i) => this.core.render(
         pane.scene, { ...this.#settings(pane), ...pane.settings }, { client: `${this.client}-${i}` })));
-      if (frames.every((frame) => frame)) this.#paint(panes, frames);
-    } finally {
       this.busy = false;
+      if (this.#due()) this.#render(); // the workers go on while this frame is painted
+      if (frames.every((frame) => frame)) this.#paint(panes, frames);
+    } catch (error) {
+      this.busy = false;
+      this.#complain(error);
     }
     if (this.stale) this.#wake();
-    else this.resting = setTimeout(() => this.#rest().catch((error) => this.#complain(error)), REST);
+    else if (!this.busy) this.resting = setTimeout(() => this.#rest().catch((error) => this.#complain(error)), REST);
   }
 
   #paint(panes, frames) {
@@ -312,7 +319,7 @@ class LiveFigure {
       });
       if (shown.pane.label) shown.title.textContent = shown.pane.label();
     }
-    if (this.marked) this.#mark();
+    if (this.marked && this.shown.length > 0) this.#mark();
   }
 
   /* A ring at marked(state): [x, y] as shares of the picture, or null. */
@@ -374,7 +381,7 @@ function drawn(name, attributes, text = "") {
 /* Two logarithmic axes in an <svg>; x and y: [least, most] as powers of ten. */
 class LogPlot {
   constructor(svg, { x, y, xLabel, yLabel }) {
-    Object.assign(this, { svg, x, y, xLabel, yLabel, left: 62, right: 14, top: 14, bottom: 48, width: 480, height: 340 });
+    Object.assign(this, { svg, x, y, xLabel, yLabel, left: 92, right: 18, top: 14, bottom: 48, width: 480, height: 340 });
     svg.setAttribute("viewBox", `0 0 ${this.width} ${this.height}`);
   }
 

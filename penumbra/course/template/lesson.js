@@ -382,7 +382,7 @@ function sample_steps(state) {
     { term: say("cos θ, at both ends"), value: number(cosine, ".3f") },
     { term: say("(c) _pdf"), value: number(pdf, ".2f") },
     { term: say("(d) _radiance"), value: number(arriving, ".3f") },
-    { term: say("the ray is"), value: free ? say("free: V = 1") : say("hidden: V = 0") },
+    { term: say("visibility V"), value: free ? say("1: free") : say("0: hidden") },
     { term: say("L, red"), value: number(radiance, ".3f") },
   ];
 }
@@ -478,9 +478,10 @@ class Accumulation {
       panes: () => {
         // Points lie evenly on the logarithmic axis.
         const n = Math.max(1, Math.min(Math.floor(this.total / 2), Accumulation.MOST - this.total));
+        const { points } = this; // of a run that may have ended when the frame is there
         return [{
           ...this.pane(), settings: { nb_light_samples: n, seed: this.seed + this.total },
-          show: (frame) => this.shown(frame, n),
+          show: (frame) => (points === this.points ? this.shown(frame, n) : frame),
         }];
       },
       rested: async (figure) => {
