@@ -121,6 +121,20 @@ $(MISTAKES) build/plain/lib/libmistakes.so: $(MISTAKES_SOURCES) build/obj-float6
 	    -o $@.part && mv $@.part $@
 build: $(MISTAKES)
 
+# ---------------------------------------------------------------- languages
+
+# What Penumbra says in French.
+FRENCH := penumbra/locale/fr/LC_MESSAGES/penumbra.mo
+%.mo: %.po | build/setup.run
+	.venv/bin/pybabel --quiet compile --input-file $< --output-file $@.part && mv $@.part $@
+build: $(FRENCH)
+
+## words : gather what is to be translated in penumbra/locale/*/*/*.po; docs/translating.md
+.PHONY: words
+words: build/setup.run
+	.venv/bin/python -P -m penumbra.translation
+	@$(MAKE) --no-print-directory $(FRENCH)
+
 # ---------------------------------------------------------------- the experiment
 
 PENUMBRA := .venv/bin/penumbra
@@ -258,7 +272,7 @@ build/report/spoken.$(SPOKEN):
 	@mkdir -p $(@D)
 	rm -f $(@D)/spoken.* && touch $@
 
-build/report/index.html: build/report/spoken.$(SPOKEN) $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
+build/report/index.html: $(FRENCH) build/report/spoken.$(SPOKEN) $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
     build/lights/profile.json build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
     $(wildcard build/bench/bench.json) docs/calibration.json \
@@ -300,7 +314,7 @@ $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_rende
 course: build/course/index.html
 
 # Last of all: the handouts, which are rendered, come before it.
-build/course/index.html: $(WASM) $(RENDER) $(MISTAKES) $(wildcard scenes/*.json) penumbra/grading/rubric.toml \
+build/course/index.html: $(FRENCH) $(WASM) $(RENDER) $(MISTAKES) $(wildcard scenes/*.json) penumbra/grading/rubric.toml \
     $(wildcard penumbra/*.py penumbra/compare/cpp.py penumbra/course/*.py penumbra/course/*/* penumbra/course/*/*/*)
 	$(PENUMBRA) course -o $(@D)
 

@@ -11,7 +11,6 @@ import io
 import re
 from collections.abc import Iterator
 from html import unescape
-from pathlib import Path
 from typing import Any, TypeAlias
 
 from babel.messages.catalog import Catalog
@@ -22,10 +21,10 @@ from jinja2.ext import babel_extract
 from penumbra.compare.check.catalogue import TEXTS, catalogue
 from penumbra.language import LOCALE
 
-PACKAGE = LOCALE.parent
+ROOT = LOCALE.parent.parent
+FOLDERS = ("penumbra", "bench")
 PO = LOCALE / "fr" / "LC_MESSAGES" / "penumbra.po"
-CATALOGUE = "../c_renderer/mistakes/catalogue.def"
-"""As places name it, below the package"""
+CATALOGUE = "c_renderer/mistakes/catalogue.def"
 KEYWORDS: dict[str, Any] = dict.fromkeys(("_", "N_", "say", "both", "gettext"))
 METHODS = [
     ("**.py", "python"),
@@ -50,11 +49,11 @@ def of_template(
 def found() -> Catalog:
     """All texts, without their French."""
     texts = Catalog(locale="fr", project="Penumbra", fuzzy=False)
-    for file, _line, text, _comments, _context in extract_from_dir(
-        PACKAGE, METHODS, {"**.j2": {"silent": "false"}}, KEYWORDS, strip_comment_tags=True
-    ):
-        if file != Path(__file__).name:
-            texts.add(text, locations=[(file.replace("\\", "/"), 0)])
+    for folder in FOLDERS:
+        for file, _line, text, _comments, _context in extract_from_dir(
+            ROOT / folder, METHODS, {"**.j2": {"silent": "false"}}, KEYWORDS
+        ):
+            texts.add(text, locations=[(f"{folder}/{file}", 0)])
     for mistake in catalogue().mistakes.values():
         for field in TEXTS:
             texts.add(getattr(mistake, field), locations=[(CATALOGUE, 0)])

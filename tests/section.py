@@ -1,19 +1,74 @@
-"""One section of the report alone: its data, and a page of it in a browser."""
+"""One section of the report alone: its data, and a page of it in a browser; what is left in English
+on a page in French."""
 
 from __future__ import annotations
 
+import html
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import pytest
+from babel.messages.extract import extract_from_file
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from penumbra.report.build import TEMPLATES, Rendered, rendered, spoken
 from penumbra.report.inputs import Data, read_inputs
 from penumbra.report.sections import SECTIONS, Section, inputs_of
 from tests.conftest import ROOT
+
+AXE = {
+    "runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"],
+    "resultTypes": ["violations"],
+}
+"""WCAG 2.2 AA"""
+WORDED = ("report/*.py", "compare/studies/*.py", "compare/measure/statistics.py")
+"""What the report says stands there, in penumbra/, in its templates, and in the benchmark."""
+INLINE = re.compile(r"</?(?:a|b|code|dfn|em|i|kbd|small|span|sub|sup)\b[^>]*>")
+
+
+@cache
+def texts() -> frozenset[str]:
+    """Every text that the report can say, in English."""
+    python = [f for pattern in WORDED for f in (ROOT / "penumbra").glob(pattern)]
+    keywords = {"_": None, "N_": None, "say": None}
+    found = [
+        text
+        for file in (*python, ROOT / "bench" / "page.py")
+        for _, text, _, _ in extract_from_file("python", str(file), keywords=keywords)
+    ]
+    found += [
+        text
+        for file in TEMPLATES.glob("*.html.j2")
+        for _, text, _, _ in extract_from_file(
+            "jinja2.ext:babel_extract", str(file), keywords=keywords,
+            options={"trim_blocks": "true", "lstrip_blocks": "true"},
+        )
+    ]  # fmt: skip
+    for file in TEMPLATES.glob("*.js"):
+        found += re.findall(r'\bsay\("([^"]+)"', file.read_text())
+    return frozenset(text if isinstance(text, str) else text[0] for text in found)
+
+
+def words_of(page: str) -> str:
+    """What a page says, in its text and in attributes; no code, and no texts of scripts' own."""
+    shown = re.sub(r"<(script|style)>.*?</\1>", " ", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", html.unescape(INLINE.sub("", shown)).replace('\\"', '"'))
+
+
+def english_left(page: str) -> list[str]:
+    """The pieces of more than three words of texts() that a page says."""
+    said = words_of(page)
+    pieces = {
+        piece.strip()
+        for text in texts()
+        for piece in re.split(r"%\(\w+\)s|\{[^}]*\}", words_of(text.replace("%%", "%")))
+    }
+    long = [piece for piece in pieces if len(re.findall(r"[A-Za-z]{2,}", piece)) > 3]
+    return sorted(piece for piece in long if piece in said)
 
 
 def section(name: str) -> Section:

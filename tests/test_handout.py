@@ -36,6 +36,7 @@ from penumbra.course.handout import (
     numbers,
     write_handouts,
 )
+from penumbra.course.page import PARTS
 from penumbra.grading.rubric import read_rubric
 from penumbra.language import LANGUAGES
 from tests.conftest import ROOT, built
@@ -155,7 +156,7 @@ def test_every_pdf_says_that_it_is_accessible_and_in_which_language(out: Path) -
 @pytest.mark.parametrize(
     ("with_it", "without"),
     [
-        ('picture("figure-3", 52%, words.one)', 'picture("figure-3", 52%, none)'),
+        ('magnified("figure-3", 52%, words.one)', 'magnified("figure-3", 52%, none)'),
         ("math.equation(block: true, alt: alt, body)", "body"),
     ],
     ids=["picture", "formula"],
@@ -314,6 +315,16 @@ def test_frequencies_are_of_mistakes_that_the_museum_has() -> None:
     named = {*found["mistakes"], *found["latent"]} - {"field_of_view"}
     assert named <= set(catalogue().mistakes)
     assert all(1 <= count <= found["repositories"] for count in found["mistakes"].values())
+
+
+def test_links_lead_to_places_of_the_page() -> None:
+    places = {part.name for part in PARTS} | {f"mistake-{name}" for name in catalogue().mistakes}
+    lesson = (SOURCES.parent / "lesson" / "en.md").read_text(encoding="utf-8")
+    places |= set(re.findall(r"\{#([\w-]+)\}", lesson))
+    linked: set[str] = set()
+    for file in SOURCES.glob("*.typ"):
+        linked |= set(re.findall(r"index\.html#([\w-]+)\"\)", file.read_text(encoding="utf-8")))
+    assert {"drop", "museum", "umbra", "trade"} <= linked <= places
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

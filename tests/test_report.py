@@ -19,20 +19,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
+from babel.messages.pofile import read_po
 from playwright.sync_api import Browser, Page
 
 from penumbra.__main__ import main
 from penumbra.compare.exact.image import exact_image
 from penumbra.compare.measure.image import Image, read_image, write_exr
 from penumbra.compare.scene import read_scene
+from penumbra.course.lesson import TEXTS, read_lesson
+from penumbra.language import LANGUAGES, LOCALE, of_environment, speaking
 from penumbra.report import figures
 from penumbra.report.build import TEMPLATES, build
 from penumbra.report.inputs import IMAGES, LIGHT_SAMPLES, SCENES, ReportError, image_file
 from penumbra.report.sections import SECTIONS, inputs_of
 from tests import section
+from tests.conftest import ROOT
 
 INPUTS = inputs_of([s for s in SECTIONS if not s.optional])
 WIDTH, HEIGHT = 48, 32
+LESSON = "../course/index.html"
 HALF = 2.0**-11
 """largest relative rounding error of a half float"""
 HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)> & "$x_1$"'
@@ -123,6 +129,15 @@ def page_file(inputs: Path, small_scenes: Path, tmp_path_factory: pytest.TempPat
     file.write_text(json.dumps(convergence))
     out = folder / "report" / "index.html"
     build(folder, out, small_scenes)
+    return out
+
+
+@pytest.fixture(scope="session")
+def french_file(page_file: Path, small_scenes: Path) -> Path:
+    """The same in French."""
+    out = page_file.with_name("fr.html")
+    with speaking("fr"):
+        build(page_file.parent.parent, out, small_scenes)
     return out
 
 
@@ -271,7 +286,8 @@ def test_page_loads_nothing_from_elsewhere(page_file: Path) -> None:
     styles = [a.get("style") or "" for _, a in document.tags]
     loads += [url for style in styles for url in re.findall(r"url\(([^)]*)\)", style)]
     assert loads
-    assert [x[:60] for x in loads if not x.startswith(("#", "data:"))] == []
+    assert [x[:60] for x in loads if not x.startswith(("#", "data:", LESSON))] == []
+    assert {tag for tag, a in document.tags if (a.get("href") or "").startswith(LESSON)} == {"a"}
     assert "@import" not in document.styles
 
 
@@ -320,7 +336,7 @@ def test_hostile_names_are_shown_and_not_run(page: Page) -> None:
     in a scene file, a program's version, Cycles' settings, a renderer, a region, a command."""
     assert page.title().startswith("Soft shadows")
     assert page.locator('img[src="x"]').count() == 0
-    assert page.locator("script").count() == 2  # the comparer's images and the viewer
+    assert page.locator("script").count() == 3  # the comparer's images, the words, the viewer
     text = page.evaluate("document.body.textContent")
     assert text.count(HOSTILE) > 5
     assert HOSTILE_LABEL in text
@@ -350,11 +366,130 @@ def test_page_states_the_numbers_of_its_inputs(page: Page, inputs: Path) -> None
     assert f"{speedup['rows'][-1]['speedup']:#.3g}" in text
 
 
-@pytest.mark.parametrize("width", [390, 1440])
-def test_page_fits_the_window(page: Page, width: int) -> None:
-    """Only tables, drawings and commands scroll sideways, each in a box of its own."""
-    page.set_viewport_size({"width": width, "height": 844})
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_everyone_can_read_the_page(
+    lang: str, page_file: Path, french_file: Path, browser: Browser
+) -> None:
+    """WCAG 2.2 AA as far as axe can tell, with everything unfolded, which the page's own policy
+    would keep out; and only tables and commands scroll sideways, each in a box of its own."""
+    file = {"en": page_file, "fr": french_file}[lang]
+    context = browser.new_context(bypass_csp=True)
+    tab = context.new_page()
+    tab.goto(file.as_uri())
+    _drawn(tab, 1)
+    tab.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    for width in (320, 390, 1440):
+        tab.set_viewport_size({"width": width, "height": 844})
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    found = Axe().run(tab, options=section.AXE).response["violations"]
+    assert [(v["id"], v["nodes"][0]["html"][:200]) for v in found] == []
+    context.close()
+
+
+def test_page_is_shorter_than_eighteen_screens(page: Page) -> None:
+    """At 1280 x 1000: what explains is in the lesson, and what is long is folded."""
+    page.set_viewport_size({"width": 1280, "height": 1000})
+    assert page.evaluate("document.documentElement.scrollHeight") < 18_000
+
+
+# In French
+
+
+def test_every_text_of_the_report_is_translated() -> None:
+    catalogue = read_po((LOCALE / "fr" / "LC_MESSAGES" / "penumbra.po").open("rb"))
+    known = {m.id if isinstance(m.id, str) else m.id[0] for m in catalogue if m.string}
+    assert len(section.texts()) > 400
+    assert sorted(section.texts() - known) == []
+
+
+def test_the_french_page_says_nothing_in_english(page_file: Path, french_file: Path) -> None:
+    """No piece of more than three words of any text; while the English page says many."""
+    assert section.english_left(french_file.read_text()) == []
+    assert len(section.english_left(page_file.read_text())) > 50
+    assert '<html lang="fr">' in french_file.read_text()
+    assert '<html lang="en">' in page_file.read_text()
+
+
+def test_both_languages_state_the_same_numbers(page_file: Path, french_file: Path) -> None:
+    """Every number of the text, of tables, captions and charts, once the decimal comma is undone;
+    in tables in the same order."""
+
+    def numbers(text: str) -> list[str]:
+        return re.findall(r"\d+(?:\.\d+)?", re.sub(r"(?<=\d),(?=\d)", ".", text))
+
+    english, french = (
+        re.sub(r"<pre.*?</pre>", "", file.read_text(), flags=re.DOTALL)
+        for file in (page_file, french_file)
+    )
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", page, re.DOTALL) for page in (english, french)]
+    shown = [[numbers(section.words_of(cell)) for cell in page] for page in cells]
+    assert len(shown[0]) > 1000
+    assert shown[0] == shown[1]
+
+
+def test_french_numbers_have_a_decimal_comma(french_file: Path) -> None:
+    """But for versions, and what is code."""
+    page = re.sub(r'<(pre|code|dl class="plain").*?</(pre|code|dl)>', "", french_file.read_text())
+    said = section.words_of(re.sub(r"<pre.*?</pre>", "", page, flags=re.DOTALL))
+    told = [m.group() for m in re.finditer(r">[^<>]*<", said)]
+    dotted = [text for text in told if re.search(r"(?<![\d.])\d+\.\d+(?![\d.])", text)]
+    assert dotted == []
+    assert sum(bool(re.search(r"\d,\d", text)) for text in told) > 500
+
+
+def test_the_comparer_speaks_french(browser: Browser, french_file: Path) -> None:
+    tab = browser.new_page()
+    tab.goto(french_file.as_uri())
+    _drawn(tab, 1)
+    _key(tab, "ArrowRight")
+    spoken = str(tab.text_content(_part("spoken")))
+    assert re.search(r"pixel \(\d+, \d+\)\xa0: A .*\d,\d.*\xa0; B ", spoken)
+    assert tab.inner_text(_part("split-value")) == "50\xa0%"
+    assert str(tab.get_attribute(_part("canvas"), "aria-label")).endswith("côte à côte")
+    _act(tab, lambda: tab.focus(_part("exposure")) or tab.keyboard.press("ArrowRight"))
+    assert tab.inner_text(_part("exposure-value")) == "+0,5 IL (×1,41)"
+    tab.close()
+
+
+def test_links_to_the_lesson_lead_to_its_steps(page_file: Path, french_file: Path) -> None:
+    """In the page's language; each step that something here is explained by."""
+    for lang, file in (("en", page_file), ("fr", french_file)):
+        steps = {step.anchor for step in read_lesson(TEXTS / f"{lang}.md", lang).steps}
+        links = [str(a["href"]) for tag, a in _Document(file.read_text()).tags if tag == "a"]
+        led = {link for link in links if not link.startswith("#")}
+        assert led <= {f"{LESSON}?lang={lang}#{step}" for step in steps}
+        assert len(led) >= 7
+
+
+def test_lang_chooses_the_language_of_the_page(
+    page_file: Path, small_scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scenes").symlink_to(small_scenes)
+    monkeypatch.setattr("penumbra.cli.report.ROOT", tmp_path)
+    out = tmp_path / "index.html"
+    command = ["report", "--build", str(page_file.parent.parent), "-o", str(out)]
+    assert main([*command, "--lang", "fr"]) == 0
+    assert '<html lang="fr">' in out.read_text()
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"LANG": "fr_FR.UTF-8"},
+        {"LANG": "de_DE.UTF-8"},
+        {"LC_ALL": "C", "LANG": "fr"},
+        {"LANGUAGE": "fr", "LC_ALL": "C"},
+        {},
+    ],
+)
+def test_make_speaks_as_the_program_does(environment: dict[str, str]) -> None:
+    variables = ("LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG")
+    others = {k: v for k, v in os.environ.items() if k not in (*variables, "MAKEFLAGS")}
+    done = subprocess.run(
+        ["make", "--print-data-base", "--question", "help"],
+        cwd=ROOT, env=others | environment, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert f"SPOKEN := {of_environment(environment)}\n" in done.stdout
 
 
 # The comparer

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,11 @@ import pytest
 from playwright.sync_api import Page
 
 from penumbra.compare.studies.stability import study
+from penumbra.language import speaking
 from penumbra.report.inputs import ReportError
 from penumbra.report.stability import CAUSES
 from penumbra.report.words import digits, power, signed_power
-from tests.section import rendered_section, section_page
+from tests.section import english_left, rendered_section, section_page
 
 HOSTILE = "<script>alert('no')</script>&\"'"
 
@@ -111,6 +113,14 @@ def test_every_sweep_has_a_chart_an_example_and_a_paragraph_on_its_cause(
         fold = page.locator(f"#stability-{cause}")
         assert str(fold.locator("summary").first.text_content()).startswith(title)
         assert fold.locator("> p").text_content() == text
+
+
+def test_the_section_says_nothing_in_english_on_a_french_page(build_dir: Path) -> None:
+    with speaking("fr"):
+        shown = rendered_section("stability", build_dir)
+    assert shown is not None
+    assert english_left(shown.html) == []
+    assert len(re.findall(r"\d,\d", shown.html)) > 20
 
 
 def test_hostile_words_are_shown_and_not_run(page: Page) -> None:

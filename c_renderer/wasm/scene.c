@@ -160,6 +160,11 @@ int FOR_PAGE(scene_surface_pixels)(int width, int height, int first, int step)
     return pixels;
 }
 
+int FOR_PAGE(scene_lights)(void)
+{
+    return scene.nb_lights;
+}
+
 /* Shadow rays of a point of a surface, at so many for each surface light. */
 double FOR_PAGE(scene_shadow_rays)(int nb_light_samples)
 {

@@ -37,7 +37,7 @@ from penumbra.language import LANGUAGES, N_, _, say, speaking
 N = 16
 """Light samples of the pictures and of the numbers"""
 SHAPE, MEASURED, THUMBNAIL = (200, 300), (120, 180), (64, 96)
-"""Rows and columns of an exhibit's picture, of those that are measured, and of a closed exhibit's"""
+"""Rows and columns of an exhibit's picture, of those that are measured, of a closed exhibit's"""
 SEEDS = 6
 """Pictures that are measured"""
 QUALITY = 80
@@ -54,8 +54,8 @@ errors; two of them, since there are hundreds"""
 MOST_EFFECTIVE = 100 * N
 """Light samples whose noise nobody sees"""
 SCENES = ("tp3_statement", "tp3_sheared", "tp3_two_quads", "check_low")
-"""The lab's from the handout's camera, then those that show what it hides; the first where a mistake
-shows is its own"""
+"""The lab's from the handout's camera, then those that show what it hides; a mistake is shown in
+the first where it shows"""
 CAMERA = ("tp3_sheared", "tp3_two_quads")
 """Seen from the handout's camera too, which shows the whole shadow"""
 PIXEL_SAMPLES = {"clamp_before_pixel_average": 16}
@@ -74,24 +74,18 @@ GROUPS = {
 
 
 def museum(build_dir: Path) -> dict[str, Any]:
-    """What the template shows. What is rendered and measured is kept in build_dir, and made again if
-    anything that it rests on has changed. Raises OSError, MissingProgramError."""
+    """What the template shows. What is rendered and measured is kept in build_dir, and made again
+    if anything that it rests on has changed. Raises OSError, MissingProgramError."""
     made = _made(build_dir / "museum.json")
-    shown = [_exhibit(mistake, made["exhibits"][name]) for name, mistake in _known()]
-    groups = [
-        {
-            "name": name,
-            "title": both_said(title),
-            "label": title,
-            "exhibits": sorted((e for e in shown if e["group"] == name), key=lambda e: -e["seen"]),
-        }
-        for name, title in GROUPS.items()
-    ]
+    known = sorted(catalogue().mistakes.values(), key=lambda mistake: -mistake.seen)
+    groups: dict[str, list[dict[str, Any]]] = {group: [] for group in GROUPS}
+    for mistake in known:
+        groups[group_of(mistake)].append(_exhibit(mistake, made["exhibits"][mistake.name]))
     return {
-        "groups": groups,
-        "count": len(shown),
-        "students": STUDENTS,
-        "n": N,
+        "groups": [
+            {"name": group, "title": both_said(title), "exhibits": groups[group]}
+            for group, title in GROUPS.items()
+        ],
         "rights": [
             {"name": name, "picture": right, "alt": _alt_of_right(name)}
             for name, right in made["rights"].items()
@@ -99,16 +93,12 @@ def museum(build_dir: Path) -> dict[str, Any]:
         "live": {
             "scenes": made["scenes"],
             "exhibits": {
-                name: {k: made["exhibits"][name][k] for k in ("scene", "n", "m", "chosen")}
-                | {"forms": [[f["module"], f["name"]] for f in made["exhibits"][name]["forms"]]}
-                for name, _mistake in _known()
+                name: {k: exhibit[k] for k in ("scene", "n", "m", "chosen")}
+                | {"forms": [[form["module"], form["name"]] for form in exhibit["forms"]]}
+                for name, exhibit in made["exhibits"].items()
             },
         },
     }
-
-
-def _known() -> list[tuple[str, Mistake]]:
-    return list(catalogue().mistakes.items())
 
 
 def group_of(mistake: Mistake) -> str:
@@ -257,7 +247,7 @@ def _made(kept: Path) -> dict[str, Any]:
             "key": key,
             "scenes": {stage.name: stage.scene for stage in stages},
             "rights": {s.name: _webp(_eight_bits(s, Variant(), N, 1)) for s in stages},
-            "exhibits": {name: _rendered(name, stages) for name, _mistake in _known()},
+            "exhibits": {name: _rendered(name, stages) for name in catalogue().mistakes},
         }
     kept.parent.mkdir(parents=True, exist_ok=True)
     write_whole(kept, lambda part: part.write_text(json.dumps(made)))
@@ -372,9 +362,7 @@ def _exhibit(mistake: Mistake, made: dict[str, Any]) -> dict[str, Any]:
     return {
         "name": mistake.name,
         "anchor": mistake.anchor,
-        "group": group_of(mistake),
         "seen": mistake.seen,
-        "usual": mistake.usual,
         "title": both_said(mistake.title, sentence=True),
         "cause": both_said(mistake.cause),
         "wrong": both_said(mistake.wrong),

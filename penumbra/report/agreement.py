@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from penumbra.compare.exact.image import BACKGROUND
 from penumbra.compare.measure.statistics import TOO_FEW_TILES
-from penumbra.language import N_, _, say
+from penumbra.language import N_, _, localised, say
 from penumbra.report import figures
 from penumbra.report.inputs import COMPARISONS, Data, best_image_file, reference_file
 from penumbra.report.pictures import command_of, facts_of, figure_of, name_of
@@ -114,7 +114,9 @@ def _note(text: str) -> str:
     """Why a region was not judged."""
     pattern = re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+)", re.escape(TOO_FEW_TILES))
     found = re.fullmatch(pattern, text)
-    return say(TOO_FEW_TILES, **found.groupdict()) if found else _(text)
+    if found is None:
+        return _(text)
+    return say(TOO_FEW_TILES, **{key: localised(v) for key, v in found.groupdict().items()})
 
 
 def _whisker(row: dict[str, Any], axis: float) -> dict[str, Any] | None:
