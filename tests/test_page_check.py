@@ -34,6 +34,7 @@ from penumbra.course.drop import PARAMETERS, SCENES, catalogue_script, javascrip
 from penumbra.course.page import write_page
 from tests import section
 from tests.conftest import ROOT, STRESS, built
+from tests.firefox import firefox
 
 SCENE = ROOT / "scenes" / "tp3.json"
 OPPOSITE = {"right", "wrong"}
@@ -412,6 +413,20 @@ def test_axe_finds_nothing_in_any_state(
     page.wait_for_selector("#drop-progress:not([hidden])")
     clean()
     page.close()
+
+
+def test_firefox_says_the_same(page_file: Path, wrong: Path, right: Path) -> None:
+    with firefox() as tab:
+        tab.open(f"{page_file.as_uri()}?lang=en")
+        for file, n in ((wrong, 16), (right, 4)):
+            content = base64.b64encode(file.read_bytes()).decode()
+            given = json.dumps([content, file.name, {"lightSamples": n}])
+            found = tab.evaluate(f"({CHECK})({given})")
+            mine = check([file], SCENE, n, 1)
+            gain = mine.diagnosis.best.score - mine.diagnosis.right.score
+            assert found.get("verdict") == mine.verdict.verdict, found
+            assert tuple(found["mistakes"]) == mine.verdict.mistakes
+            assert found["gain"] == pytest.approx(gain, rel=1e-6, abs=1e-6)
 
 
 def test_page_without_scripts_says_what_to_do_instead(window: Browser, page_file: Path) -> None:
