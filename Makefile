@@ -121,6 +121,20 @@ $(MISTAKES) build/plain/lib/libmistakes.so: $(MISTAKES_SOURCES) build/obj-float6
 	    -o $@.part && mv $@.part $@
 build: $(MISTAKES)
 
+# ---------------------------------------------------------------- languages
+
+# What Penumbra says in French.
+FRENCH := penumbra/locale/fr/LC_MESSAGES/penumbra.mo
+%.mo: %.po | build/setup.run
+	.venv/bin/pybabel --quiet compile --input-file $< --output-file $@.part && mv $@.part $@
+build: $(FRENCH)
+
+## words : gather what is to be translated in penumbra/locale/*/*/*.po; docs/translating.md
+.PHONY: words
+words: build/setup.run
+	.venv/bin/python -P -m penumbra.translation
+	@$(MAKE) --no-print-directory $(FRENCH)
+
 # ---------------------------------------------------------------- the experiment
 
 PENUMBRA := .venv/bin/penumbra
@@ -258,7 +272,7 @@ build/report/spoken.$(SPOKEN):
 	@mkdir -p $(@D)
 	rm -f $(@D)/spoken.* && touch $@
 
-build/report/index.html: build/report/spoken.$(SPOKEN) $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
+build/report/index.html: $(FRENCH) build/report/spoken.$(SPOKEN) $(IMAGES:%=build/images/%.exr) $(SCENES:%=build/reference/%.exr) \
     $(PAIRS:%=build/agreement/%.json) build/convergence/tp3.csv build/speedup.csv \
     build/lights/profile.json build/trade/tp3.json build/stability/stability.json build/stability/self_shadow.json \
     $(wildcard build/bench/bench.json) docs/calibration.json \
@@ -293,13 +307,15 @@ build/wasm/$(1).wasm: $(2:%=build/wasm/obj-$(1)/%.o)
 endef
 $(eval $(call wasm_build,core,$(addprefix src/,$(filter-out io/% frame/trust,$(C_NAMES))) wasm/core wasm/scene))
 $(eval $(call wasm_build,mistakes,$(patsubst c_renderer/%.c,%,$(wildcard c_renderer/mistakes/*.c c_renderer/src/core/*.c)) \
-    wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
+    src/packet/packet wasm/mistakes wasm/scene,-DPENUMBRA_FLOAT64))
 
 ## course : the lesson and what a teacher hands out, in French and English: build/course/
 .PHONY: course
 course: build/course/index.html
 
-build/course/index.html: $(WASM) build/bin/penumbra-render $(wildcard penumbra/*.py penumbra/course/*.py penumbra/course/*/*)
+# Last of all: the handouts, which are rendered, come before it.
+build/course/index.html: $(FRENCH) $(WASM) $(RENDER) $(MISTAKES) $(wildcard scenes/*.json) penumbra/grading/rubric.toml \
+    $(wildcard penumbra/*.py penumbra/compare/cpp.py penumbra/course/*.py penumbra/course/*/* penumbra/course/*/*/*)
 	$(PENUMBRA) course -o $(@D)
 
 # ---------------------------------------------------------------- benchmark

@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from penumbra.language import N_, _, say
+
 if TYPE_CHECKING:  # numpy and all that takes time is loaded by the first assertion
     import numpy as np
 
@@ -45,8 +47,8 @@ class NotShown(AssertionError):
         command: what shows it. write_page: writes the page of it to a file."""
         self.sentence = text.partition("\n")[0]
         self.picture, self.command, self.write_page = picture, command, write_page
-        more = [f"picture: {picture}"] if picture else []
-        more += [f"to see it: {command}"] if command else []
+        more = [say("picture: {picture}", picture=picture)] if picture else []
+        more += [say("to see it: {command}", command=command)] if command else []
         super().__init__("\n".join([text.rstrip(), *([""] if more else []), *more]))
 
 
@@ -190,16 +192,31 @@ def assert_noise_falls(
         return
     refuted = fit is not None and fit.low is not None and fit.low > limit
     if fit is None or fit.low is None or fit.high is None:
-        sentence = f"cannot tell how the noise falls: {_without_slope(squares, STEPS * rounding)}"
-    else:
-        sentence = (
-            f"{'the noise does not fall' if refuted else 'cannot tell whether the noise falls'} as "
-            f"N^{slope:g} with the number N of light samples: it falls as N^{fit.slope:.2f} "
-            f"(95%: {fit.low:.2f} to {fit.high:.2f}, and {limit:g} would do)"
+        sentence = say(
+            "cannot tell how the noise falls: {reason}",
+            reason=_without_slope(squares, STEPS * rounding),
         )
-        sentence += "" if refuted else f": {_narrower(fit, limit, len(images[counts[0]]))}"
+    else:
+        sentence = say(
+            N_(
+                "the noise does not fall as N^{slope:g} with the number N of light samples: it "
+                "falls as N^{found:.2f} (95%: {low:.2f} to {high:.2f}, and {limit:g} would do)"
+            )
+            if refuted
+            else N_(
+                "cannot tell whether the noise falls as N^{slope:g} with the number N of light "
+                "samples: it falls as N^{found:.2f} (95%: {low:.2f} to {high:.2f}, and {limit:g} "
+                "would do): {advice}"
+            ),
+            slope=slope,
+            found=fit.slope,
+            low=fit.low,
+            high=fit.high,
+            limit=limit,
+            advice="" if refuted else _narrower(fit, limit, len(images[counts[0]])),
+        )
     table = "".join(
-        f"\n  N = {n:<6d} noise {mean**0.5:.3g}"
+        "\n" + say("  N = {n:<6d} noise {noise:.3g}", n=n, noise=mean**0.5)
         for n, mean in zip(counts, squares.mean(axis=1), strict=True)
     )
     most = counts[-1]
@@ -239,8 +256,10 @@ def _rendered(
         fewest = seeds
     if len(several) < 3 or fewest < 4:
         raise ValueError(
-            "a slope and its interval need three or more numbers of light samples, and four or "
-            "more seeds of each"
+            _(
+                "a slope and its interval need three or more numbers of light samples, and four or "
+                "more seeds of each"
+            )
         )
     images: dict[int, list[Image]] = {n: [] for n, _ in several}
     for n, pictures in several:
@@ -252,16 +271,16 @@ def _rendered(
 def _without_slope(squares: np.ndarray, floor: float) -> str:
     """Why there is no slope with an interval, and what would give one."""
     if not squares.any():
-        return (
+        return _(
             "all pictures of one N are the same: let the random numbers depend on the seed, or "
             "give pictures of several seeds"
         )
     if floor > 0 and (squares.mean(axis=1) <= floor).any():
-        return (
+        return _(
             "the files' 8 bits (or other rounding) hide the noise of the larger N: give smaller "
             "numbers of light_samples, or images of floats (.exr, .pfm, .npy)"
         )
-    return "some pictures of one N are the same: let the random numbers depend on the seed"
+    return _("some pictures of one N are the same: let the random numbers depend on the seed")
 
 
 def _narrower(fit: Slope, limit: float, seeds: int) -> str:
@@ -272,35 +291,69 @@ def _narrower(fit: Slope, limit: float, seeds: int) -> str:
     needed = math.ceil(seeds * ((fit.high - fit.low) / 2 / distance) ** 2 / 2) * 2
     needed = max(needed, seeds + 2)
     if needed > MOST_SEEDS:
-        return "too near to tell by more seeds: give a wider range of light_samples, or a tolerance"
-    return f"give seeds={needed}, or a wider range of light_samples"
+        return _(
+            "too near to tell by more seeds: give a wider range of light_samples, or a tolerance"
+        )
+    return say("give seeds={needed}, or a wider range of light_samples", needed=needed)
 
 
 def _difference(row: Row) -> str:
-    said = f"{row['image']} and {row['reference']} differ in “{row['region']}”"
+    said = say(
+        "{image} and {reference} differ in “{region}”",
+        image=row["image"],
+        reference=row["reference"],
+        region=row["region"],
+    )
     low, high, bias = row["relative_low"], row["relative_high"], row["relative_bias"]
     if row["verdict"] != "differs" or low is None or high is None or bias is None:
         share = 1 - (row["consistent_fraction"] or 0)
-        return f"{said}: {share:.2%} of its pixels contradict a bias of {row['delta']:.2%} or less"
-    return (
-        f"{said}: a bias of {bias:+.2%} ({row['confidence']:.0%}: {low:+.2%} to {high:+.2%}), "
-        f"and {row['delta']:.2%} would do"
+        return say(
+            "{said}: {share:.2%} of its pixels contradict a bias of {delta:.2%} or less",
+            said=said,
+            share=share,
+            delta=row["delta"],
+        )
+    return say(
+        "{said}: a bias of {bias:+.2%} ({confidence:.0%}: {low:+.2%} to {high:+.2%}), and "
+        "{delta:.2%} would do",
+        said=said,
+        bias=bias,
+        confidence=row["confidence"],
+        low=low,
+        high=high,
+        delta=row["delta"],
     )
 
 
 def _doubt(row: Row, is_coarse: bool) -> str:
     """is_coarse: one of the images is of 8 bits, through which place of a pixel is not known."""
-    said = f"cannot tell whether {row['image']} and {row['reference']} agree in “{row['region']}”"
+    said = say(
+        "cannot tell whether {image} and {reference} agree in “{region}”",
+        image=row["image"],
+        reference=row["reference"],
+        region=row["region"],
+    )
     low, high = row["relative_low"], row["relative_high"]
     if low is None or high is None:
-        return f"{said}: {row['note']}"
-    said += f": the bias is within {low:+.2%} and {high:+.2%}, and {row['delta']:.2%} would do"
+        return say("{said}: {note}", said=said, note=row["note"])
+    said += say(
+        ": the bias is within {low:+.2%} and {high:+.2%}, and {delta:.2%} would do",
+        low=low,
+        high=high,
+        delta=row["delta"],
+    )
     if is_coarse:
-        return f"{said}: give images of floats (.exr, .pfm, .npy), or ask assert_right"
+        return say(
+            "{said}: give images of floats (.exr, .pfm, .npy), or ask assert_right", said=said
+        )
     wide = _width(row) / row["delta"]
     if wide <= 1:
-        return f"{said}: give a larger delta, or more light samples"
-    return f"{said}: give about {math.ceil(wide**2)} times as many light samples"
+        return say("{said}: give a larger delta, or more light samples", said=said)
+    return say(
+        "{said}: give about {times} times as many light samples",
+        said=said,
+        times=math.ceil(wide**2),
+    )
 
 
 def _width(row: Row) -> float:
@@ -392,8 +445,12 @@ def _radiance(picture: np.ndarray) -> np.ndarray:
     radiance = np.asarray(picture)
     if radiance.ndim != 3 or radiance.shape[2] != 3 or radiance.dtype.kind not in "fiu":
         raise ImageError(
-            f"an array of {radiance.dtype} and shape {radiance.shape}, not (H, W, 3) of numbers"
+            say(
+                "an array of {dtype} and shape {shape}, not (H, W, 3) of numbers",
+                dtype=radiance.dtype,
+                shape=radiance.shape,
+            )
         )
     if radiance.dtype == np.uint8:
-        raise ImageError("an array of bytes: divide by 255 first, or give the picture's file")
+        raise ImageError(_("an array of bytes: divide by 255 first, or give the picture's file"))
     return radiance.astype(np.float64)

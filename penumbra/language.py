@@ -10,10 +10,11 @@ from __future__ import annotations
 import gettext
 import os
 import string
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +73,7 @@ def _catalogue(chosen: str) -> gettext.NullTranslations:
 class _Numbers(string.Formatter):
     def format_field(self, value: Any, format_spec: str) -> str:
         text = str(format(value, format_spec))
-        return localised(text) if isinstance(value, int | float) else text
+        return localised(text) if isinstance(value, Real) else text
 
 
 def say(text: str, /, **values: Any) -> str:
@@ -84,6 +85,15 @@ def say(text: str, /, **values: Any) -> str:
     '25,6\\xa0%'
     """
     return _Numbers().vformat(_(text), (), values)
+
+
+def numbers(values: Iterable[float], unit: float = 1, form: str = ".2g") -> str:
+    """Several, each over the unit, in a list whose commas are no decimal ones.
+
+    >>> numbers((51, 0, 25.5), 255)
+    '0.2, 0, 0.1'
+    """
+    return _(", ").join(localised(format(value / unit, form)) for value in values)
 
 
 def localised(number: str) -> str:

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from penumbra.language import say
+
 if TYPE_CHECKING:
     from penumbra.assertions import NotShown
 
@@ -65,7 +67,7 @@ def _page(error: NotShown, file: Path) -> str:
     try:
         error.write_page(file.absolute())
     except (ImportError, OSError, ValueError, RuntimeError) as why:
-        return f"none: {why}"
+        return say("none: {why}", why=why)
     return str(file)
 
 

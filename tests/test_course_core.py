@@ -394,6 +394,31 @@ def test_paint_saves_as_the_lab_does(chromium: Page) -> None:
     assert painted == wanted
 
 
+def test_an_unclamped_picture_wraps_when_painted(
+    chromium: Page, file_of: Callable[[str], Path], plain_mistakes: None
+) -> None:
+    """And no other does."""
+    size = f"{{ width: {WIDTH}, height: {HEIGHT}, nb_light_samples: 4, seed: 3 }}"
+    painted, *wraps = asked(
+        chromium.evaluate,
+        f"""
+        const canvas = document.createElement("canvas");
+        const choices = {{ output: "wrap", scale: "light_twice" }};
+        const frame = await core.mistaken(scene, choices, {size});
+        paint(canvas, frame);
+        const {{ data }} = canvas.getContext("2d").getImageData(0, 0, {WIDTH}, {HEIGHT});
+        return [base64(data), frame.wraps, (await core.mistaken(scene, {{}}, {size})).wraps,
+          (await core.render(scene, {size})).wraps];""",
+    )
+    image = mistaken.render(
+        file_of("tp3"), Variant(output="wrap", scale="light_twice"), (HEIGHT, WIDTH), 4, 1, 3
+    )
+    levels = np.frombuffer(base64.b64decode(painted), np.uint8).reshape(HEIGHT, WIDTH, 4)
+    assert image.max() > 1.1
+    assert np.array_equal(levels[..., :3], (image * 255).astype(int) % 256)
+    assert wraps == [True, False, False]
+
+
 # ---------------------------------------------------------------- requests
 
 
@@ -459,27 +484,36 @@ BAD = {
 }  # fmt: skip
 """Arguments of core.render, and what it says of them"""
 BAD_MISTAKES = {
-    "scene, { weight: 'heavy' }": "weight: the catalogue has no heavy",
-    "scene, { wait: 'std' }": "wait: not a module of the catalogue",
-    "scene, {}, { nb_light_samples: 4096 }":
+    "moments(scene, 1, none, 'std', ['std'], ['std'], 24)":
+        "light: 1 is not a whole number from 0 to 0",
+    "moments(scene, 0, none, 'std', ['std'], ['std'], 25)":
+        "grid: 25 is not a whole number from 1 to 24",
+    "moments(scene, 0, none, 'std', ['shadow'], ['std'], 4)":
+        "visibility: the catalogue has no shadow",
+    "mistaken(scene, { weight: 'heavy' })": "weight: the catalogue has no heavy",
+    "mistaken(scene, { wait: 'std' })": "wait: not a module of the catalogue",
+    "mistaken(scene, {}, { nb_light_samples: 4096 })":
         "nb_light_samples: 4096 is not a whole number from 1 to 4095",
 }  # fmt: skip
 
 
 def test_what_cannot_be_rendered_is_refused_and_harms_nothing(chromium: Page) -> None:
-    calls = [*(f"render({call})" for call in BAD), *(f"mistaken({call})" for call in BAD_MISTAKES)]
-    *said, nothing, same = asked(
+    calls = [*(f"render({call})" for call in BAD), *BAD_MISTAKES]
+    *said, nothing, function, same = asked(
         chromium.evaluate,
         f"""
         const quad = scene.quad_lights[0], said = [], size = {{ width: 30, height: 20 }};
+        const three = new Float64Array(3), none = {{
+          point: three, normal: three, right: three, down: three, object: new Int32Array(1) }};
         const picture = async () => base64((await core.render(scene, size)).radiance);
         const before = await picture();
         {"".join(f"said.push(await reason(core.{call}));" for call in calls)}
         said.push(await reason(core.render()));
+        said.push(await reason(core.render(scene, {{ show() {{}} }})));
         return [...said, await picture() === before];""",
     )
     assert said == [*BAD.values(), *BAD_MISTAKES.values()]
-    assert "undefined" in nothing
+    assert "undefined" in nothing and "clone" in function
     assert same is True
 
 

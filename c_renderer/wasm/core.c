@@ -1,5 +1,5 @@
 /* The renderer, for a page's worker: some rows of a picture. */
-#include <stdlib.h>
+#include <stddef.h>
 
 #include "frame/render.h"
 #include "scene.h"
@@ -9,11 +9,9 @@
 float *FOR_PAGE(core_rows)(int width, int height, int nb_light_samples, int samples_per_pixel,
                            double seed, Sampler sampler, Estimator estimator, int first, int step)
 {
-    static float *radiance;
+    float *radiance = picture_room(width, height);
     const RenderSettings settings = {width,          height, nb_light_samples, samples_per_pixel,
                                      (uint64_t)seed, 1,      sampler,          estimator};
-    free(radiance);
-    radiance = calloc(3 * (size_t)width * (size_t)height, sizeof *radiance);
     if (radiance && render_rows(&scene, &settings, first, step, radiance, NULL, NULL, NULL))
         return radiance;
     return NULL;

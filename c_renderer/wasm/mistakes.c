@@ -1,8 +1,7 @@
 /* The library of mistakes, for a page's worker. Arrays are what it has put into the module's memory
  * by malloc; names are looked up with mistakes_choice. */
-#include "../mistakes/mistakes.h"
+#include "../mistakes/choice.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "scene.h"
@@ -12,6 +11,12 @@ int FOR_PAGE(choice)(Module module, const char *name)
     return mistakes_choice(module, name);
 }
 
+/* Whether what these choices render is saved without a clamp, wrapping around in its 8 bits. */
+bool FOR_PAGE(saved_wrapped)(const int choice[NB_MODULES])
+{
+    return CHOICES[choice[MODULE_OUTPUT]].output.wrap;
+}
+
 /* The rows first, first + step, ... of width * height * 3 floats, RGB, which are the caller's until
  * the next call. NULL: out of memory. */
 float *FOR_PAGE(mistaken_rows)(const int choice[NB_MODULES], int width, int height,
@@ -19,7 +24,7 @@ float *FOR_PAGE(mistaken_rows)(const int choice[NB_MODULES], int width, int heig
                                double position_x, double position_y, int divisor, int first,
                                int step)
 {
-    static float *radiance;
+    float *radiance = picture_room(width, height);
     MistakenSettings settings = {.factor = 1,
                                  .width = width,
                                  .height = height,
@@ -30,8 +35,6 @@ float *FOR_PAGE(mistaken_rows)(const int choice[NB_MODULES], int width, int heig
                                  .position_y = position_y,
                                  .divisor = divisor};
     memcpy(settings.choice, choice, sizeof settings.choice);
-    free(radiance);
-    radiance = calloc(3 * (size_t)width * (size_t)height, sizeof *radiance);
     if (radiance)
         mistakes_render_rows(&scene, &settings, first, step, radiance);
     return radiance;

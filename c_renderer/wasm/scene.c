@@ -1,8 +1,10 @@
 #include "scene.h"
 
 #include <stddef.h>
+#include <stdlib.h>
 
 #include "exact/vec3d.h"
+#include "packet/packet.h"
 
 #define MAX_ITEMS 1000              /* of each kind, as in a scene file */
 #define MIN_LENGTH 1e-9             /* [m] */
@@ -88,18 +90,16 @@ static Refusal add_light(Light light)
 }
 
 /* A quad, or the triangle that is half of it. */
-static Refusal add_flat_light(LightType type, Vec3d corner, Vec3d u, Vec3d v, Rgb radiance)
+static Refusal add_flat_light(LightType type, double share, Vec3d corner, Vec3d u, Vec3d v,
+                              Rgb radiance)
 {
     const Vec3d normal = vec3d_cross(u, v);
     const double quad_area = vec3d_length(normal);
     if (!(quad_area > MIN_LENGTH * vec3d_length(u) * vec3d_length(v)))
         return "u and v span no area";
-    const FlatLight flat = {to_vec3(corner),
-                            to_vec3(u),
-                            to_vec3(v),
-                            to_vec3(divided(normal, quad_area)),
-                            (real)(type == LIGHT_TRIANGLE ? 0.5 * quad_area : quad_area),
-                            radiance};
+    const FlatLight flat = {
+        to_vec3(corner),           to_vec3(u), to_vec3(v), to_vec3(divided(normal, quad_area)),
+        (real)(share * quad_area), radiance};
     return add_light((Light){type, {.quad = flat}});
 }
 
@@ -111,13 +111,14 @@ Refusal FOR_PAGE(scene_point_light)(TRIPLE(position), TRIPLE(color), double powe
 Refusal FOR_PAGE(scene_quad_light)(TRIPLE(position), TRIPLE(u), TRIPLE(v), TRIPLE(color),
                                    double power)
 {
-    return add_flat_light(LIGHT_QUAD, VEC3D(position), VEC3D(u), VEC3D(v), TIMES(color, power));
+    return add_flat_light(LIGHT_QUAD, 1, VEC3D(position), VEC3D(u), VEC3D(v), TIMES(color, power));
 }
 
 Refusal FOR_PAGE(scene_triangle_light)(TRIPLE(position), TRIPLE(u), TRIPLE(v), TRIPLE(color),
                                        double power)
 {
-    return add_flat_light(LIGHT_TRIANGLE, VEC3D(position), VEC3D(u), VEC3D(v), TIMES(color, power));
+    return add_flat_light(LIGHT_TRIANGLE, 0.5, VEC3D(position), VEC3D(u), VEC3D(v),
+                          TIMES(color, power));
 }
 
 Refusal FOR_PAGE(scene_disk_light)(TRIPLE(center), TRIPLE(normal), double radius, TRIPLE(color),
@@ -142,13 +143,26 @@ Refusal FOR_PAGE(scene_sphere_light)(TRIPLE(center), double radius, TRIPLE(color
  * surface. */
 int FOR_PAGE(scene_surface_pixels)(int width, int height, int first, int step)
 {
+    const ImagePlane plane = image_plane(&scene.camera, width, height);
     int pixels = 0;
-    for (int y = first; y < height; y += step)
-        for (int x = 0; x < width; x++) {
-            Ray ray = camera_ray(&scene.camera, (real)x + 0.5f, (real)y + 0.5f, width, height);
-            pixels += scene_hit(&scene, ray).object != SCENE_NOTHING;
+    for (int row = first; row < height; row += step)
+        for (int column = 0; column < width; column += LANES) {
+            real x[LANES], y[LANES];
+            HitPacket hits;
+            for (int i = 0; i < LANES; i++) {
+                x[i] = (real)(column + i) + 0.5f;
+                y[i] = (real)row + 0.5f;
+            }
+            packet_hit(&scene, &plane, x, y, &hits);
+            for (int i = 0; i < LANES && column + i < width; i++)
+                pixels += hits.object[i] != SCENE_NOTHING;
         }
     return pixels;
+}
+
+int FOR_PAGE(scene_lights)(void)
+{
+    return scene.nb_lights;
 }
 
 /* Shadow rays of a point of a surface, at so many for each surface light. */
@@ -158,4 +172,17 @@ double FOR_PAGE(scene_shadow_rays)(int nb_light_samples)
     for (int i = 0; i < scene.nb_lights; i++)
         rays += light_is_surface(&scene.lights[i]) ? nb_light_samples : 1;
     return rays;
+}
+
+float *picture_room(int width, int height)
+{
+    static float *room;
+    static size_t size;
+    const size_t needed = 3 * (size_t)width * (size_t)height * sizeof *room;
+    if (needed != size) {
+        free(room);
+        room = malloc(needed);
+        size = room ? needed : 0;
+    }
+    return room;
 }

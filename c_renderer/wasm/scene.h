@@ -11,4 +11,8 @@
 /* The one of this module: a worker has its own. */
 extern Scene scene;
 
+/* Room for a picture's three floats a pixel, the module's own, until the next call. NULL: out of
+ * memory. */
+float *picture_room(int width, int height);
+
 #endif

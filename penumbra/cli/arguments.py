@@ -167,13 +167,12 @@ def add_size(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--height", type=positive, metavar="H", help="pixels, with --width")
 
 
-def add_language(parser: argparse.ArgumentParser) -> None:
-    """--lang, which main() speaks in."""
-    parser.add_argument(
-        "--lang",
-        choices=LANGUAGES,
-        help="language of what is said [that of LANGUAGE, LC_ALL, LC_MESSAGES or LANG, else en]",
-    )
+def add_language(
+    parser: argparse.ArgumentParser,
+    default: str = "that of LANGUAGE, LC_ALL, LC_MESSAGES or LANG, else en",
+) -> None:
+    """--lang, which main() speaks in. default: as the help says it."""
+    parser.add_argument("--lang", choices=LANGUAGES, help=f"language of what is said [{default}]")
 
 
 def add_scheduler(parser: argparse.ArgumentParser, jobs: bool = True) -> None:

@@ -22,6 +22,7 @@ from penumbra.cli.arguments import (
 from penumbra.cli.exit import CANNOT_TELL, FAIL, PASS, UsageError
 from penumbra.compare.run.output import named
 from penumbra.compare.run.provenance import ROOT
+from penumbra.language import _, say
 
 MADE = ROOT / "build" / "course" / "index.html"
 EXIT = {"right": PASS, "wrong": FAIL, "cannot tell": CANNOT_TELL}
@@ -83,11 +84,11 @@ def run(options: argparse.Namespace) -> int:
     from penumbra.compare.check.program import command_program
 
     if bool(options.images) == bool(options.renderer):
-        raise UsageError("give either images or --renderer COMMAND")
+        raise UsageError(_("give either images or --renderer COMMAND"))
     course = course_of(options) or (MADE.as_uri() if MADE.is_file() else "")
     if options.renderer:
         if options.light_samples or options.pixel_samples or options.scene != "tp3":
-            raise UsageError("--renderer chooses scenes and samples itself")
+            raise UsageError(_("--renderer chooses scenes and samples itself"))
         checked = check_renderer(
             command_program(options.renderer, options.image_suffix, options.timeout),
             options.budget,
@@ -116,4 +117,6 @@ def scene_named(text: str) -> Path:
     if file.is_file():
         return file
     names = ", ".join(sorted(f.stem for f in SCENES.glob("*.json") if "schema" not in f.name))
-    raise UsageError(f"--scene {text}: neither a file nor one of {names}")
+    raise UsageError(
+        say("--scene {text}: neither a file nor one of {names}", text=text, names=names)
+    )

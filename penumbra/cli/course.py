@@ -27,10 +27,12 @@ def add(subcommands: Subcommands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from penumbra.course.handout import write_handouts
     from penumbra.course.page import write_page
 
     out = options.out or options.build / "course"
     out.mkdir(parents=True, exist_ok=True)
+    write_handouts(out)
     write_page(options.build, out / "index.html")
     print(f"written: {out}")
     return PASS

@@ -7,10 +7,15 @@ import sys
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from penumbra.cli.arguments import Subcommands, add_subcommand, help_format
+from penumbra.cli.arguments import Subcommands, add_language, add_subcommand, help_format
 from penumbra.cli.exit import PASS, UsageError
 from penumbra.compare.run.output import named
+from penumbra.language import _, speaking
+
+if TYPE_CHECKING:
+    from penumbra.grading.export.grades import Grades
 
 
 def add(subcommands: Subcommands) -> None:
@@ -85,13 +90,18 @@ def add(subcommands: Subcommands) -> None:
 def _add_format(
     formats: Subcommands,
     name: str,
-    text: Callable[[argparse.Namespace], str],
+    text: Callable[[Grades, argparse.Namespace], str],
     endings: tuple[str, ...],
     description: str,
     example: str,
 ) -> argparse.ArgumentParser:
     def run(options: argparse.Namespace) -> int:
-        return _write(text(options), options.out)
+        from penumbra.grading.export.grades import read_grades
+
+        grades = read_grades(options.grades)
+        with speaking(options.lang or grades.language):
+            said = text(grades, options)
+        return _write(said, options.out)
 
     parser = add_subcommand(formats, name, run, description, f"penumbra export {name} {example}")
     parser.add_argument(
@@ -100,6 +110,7 @@ def _add_format(
     parser.add_argument(
         "-o", "--out", type=named(*endings), metavar=f"OUT{endings[0]}", help="[standard output]"
     )
+    add_language(parser, "the grades'")
     return parser
 
 
@@ -123,19 +134,15 @@ def _best(text: str) -> Fraction:
     return value
 
 
-def _gradescope(options: argparse.Namespace) -> str:
-    from penumbra.grading.export.grades import read_grades
+def _gradescope(grades: Grades, options: argparse.Namespace) -> str:
     from penumbra.grading.export.gradescope import results
 
-    grades = read_grades(options.grades)
     return results(grades, grades.one(options.submission), options.visibility)
 
 
-def _moodle(options: argparse.Namespace) -> str:
-    from penumbra.grading.export.grades import read_grades
+def _moodle(grades: Grades, options: argparse.Namespace) -> str:
     from penumbra.grading.export.moodle import fill_worksheet, gradebook, read_roster
 
-    grades = read_grades(options.grades)
     roster = read_roster(options.roster) if options.roster else {}
     if options.worksheet:
         filled = fill_worksheet(
@@ -150,26 +157,25 @@ def _moodle(options: argparse.Namespace) -> str:
         filled = gradebook(grades, roster, options.out_of)
     else:
         raise UsageError(
-            "moodle: give --worksheet FILE, the assignment's grading worksheet, or --roster FILE, "
-            "lines `id,email`"
+            _(
+                "moodle: give --worksheet FILE, the assignment's grading worksheet, or --roster "
+                "FILE, lines `id,email`"
+            )
         )
     for note in filled.notes:
         print(f"penumbra: {note}", file=sys.stderr)
     return filled.text
 
 
-def _vpl(options: argparse.Namespace) -> str:
-    from penumbra.grading.export.grades import read_grades
+def _vpl(grades: Grades, options: argparse.Namespace) -> str:
     from penumbra.grading.export.vpl import evaluation
 
-    return evaluation(read_grades(options.grades).one(options.submission), options.out_of)
+    return evaluation(grades.one(options.submission), options.out_of)
 
 
-def _junit(options: argparse.Namespace) -> str:
-    from penumbra.grading.export.grades import read_grades
+def _junit(grades: Grades, options: argparse.Namespace) -> str:
     from penumbra.grading.export.junit import report
 
-    grades = read_grades(options.grades)
     chosen = grades.submissions if options.submission is None else [grades.one(options.submission)]
     return report(grades, chosen)
 

@@ -20,6 +20,7 @@ from penumbra.cli.arguments import (
 )
 from penumbra.cli.check import scene_named
 from penumbra.cli.exit import PASS, UsageError
+from penumbra.language import N_, _, language, say
 
 if TYPE_CHECKING:
     from penumbra.grading.cage import Limits
@@ -47,7 +48,9 @@ def add(subcommands: Subcommands) -> None:
         "A stopped run goes on. docs/grading.md explains folder, rubric and results. Exit status 0 "
         "whatever the verdicts.",
         "penumbra grade submissions -o graded --hint 1",
-        lambda options: f"; what is judged is kept in {options.out}: the same command goes on",
+        lambda options: say(
+            "; what is judged is kept in {out}: the same command goes on", out=options.out
+        ),
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="the class's submissions")
     parser.add_argument(
@@ -105,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
 
     out: Path = options.out
     if out.exists() and not out.is_dir():
-        raise UsageError(f"-o {out}: is no folder, and the results are one")
+        raise UsageError(say("-o {out}: is no folder, and the results are one", out=out))
     course = course_of(options)
     scheduler = scheduler_of(options)
     rubric_file: Path = options.rubric or SHIPPED
@@ -113,7 +116,12 @@ def run(options: argparse.Namespace) -> int:
     pattern_of(options.images)
     scene_file = checkable(options.scene)
     judged = Options(
-        called(scene_file), scene_file.read_bytes(), options.images, options.trust, within(options)
+        called(scene_file),
+        scene_file.read_bytes(),
+        options.images,
+        options.trust,
+        within(options),
+        language(),
     )
     asked = Class(judged, rubric, options.hint, options.time_threads)
     found = entries(options.folder, options.one, leave=[out, rubric_file])
@@ -127,8 +135,17 @@ def run(options: argparse.Namespace) -> int:
     print(summary(grades), end="")
     if any(one["kind"] == "program" for one in grades["submissions"]):
         cage = find_cage(options.trust)
-        print(f"programs were held by {cage.name}: {cage.promise}")
-    print(f"written: {out / 'index.html'}, {out / GRADES}, {out / TABLE}")
+        print(
+            say("programs were held by {name}: {promise}", name=cage.name, promise=_(cage.promise))
+        )
+    print(
+        say(
+            "written: {page}, {grades}, {table}",
+            page=out / "index.html",
+            grades=out / GRADES,
+            table=out / TABLE,
+        )
+    )
     return PASS
 
 
@@ -168,15 +185,30 @@ def summary(grades: dict[str, Any]) -> str:
     """A few lines for a terminal."""
     every = grades["submissions"]
     graded = [one for one in every if one["status"] == "graded"]
-    words = ("right", "wrong", "cannot tell")
-    counts = [f"{sum(one['verdict'] == word for one in graded)} {word}" for word in words]
-    lines = [f"{len(every)} submissions: {', '.join(counts)}, {len(every) - len(graded)} failed"]
+    words = (N_("{count} right"), N_("{count} wrong"), N_("{count} cannot tell"))
+    counts = [
+        say(word, count=sum(one["verdict"] == word.partition(" ")[2] for one in graded))
+        for word in words
+    ]
+    lines = [
+        say(
+            "{count} submissions: {counts}, {failed} failed",
+            count=len(every),
+            counts=", ".join(counts),
+            failed=len(every) - len(graded),
+        )
+    ]
     for mistake in grades["mistakes"][:MOST_SHOWN]:
         lines.append(f"{len(mistake['submissions']):4}  {mistake['title']}")
     claims = [claim["id"] for claim in grades["rubric"]["claims"]]
     untold = [(c, sum(c in one["for_instructor"] for one in every)) for c in claims]
-    if said := ", ".join(f"{claim} of {number}" for claim, number in untold if number):
-        lines.append(f"cannot be told, and got full points: {said}")
+    if said := ", ".join(
+        say("{claim} of {number}", claim=claim, number=number) for claim, number in untold if number
+    ):
+        lines.append(say("cannot be told, and got full points: {said}", said=said))
     failed = [one for one in every if one["status"] == "failed"]
-    lines += [f"failed: {one['id']}: {one['problem']['text']}" for one in failed[:MOST_SHOWN]]
+    lines += [
+        say("failed: {id}: {text}", id=one["id"], text=one["problem"]["text"])
+        for one in failed[:MOST_SHOWN]
+    ]
     return "\n".join(lines) + "\n"

@@ -89,6 +89,8 @@ class Strip:
     options: tuple[str, ...] = ("--estimator", "exact")
     changes: dict[str, Any] = field(default_factory=dict)
     """of the scene's top-level keys"""
+    coarse: int = 1
+    """how many times larger than a pixel is shown"""
 
 
 def sampled(n: int, *more: str) -> tuple[str, ...]:
@@ -108,9 +110,9 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "whole": ("tp3", {"camera": WHOLE}),
     "close": ("tp3", {"camera": CLOSE}),
     "point": ("tp3_point", {"camera": WHOLE, "point_lights": [POINT]}),
-    "disk": ("tp3_disk", {"camera": WHOLE}),
-    "triangle": ("tp3_triangle", {"camera": WHOLE}),
-    "sphere": ("tp3_sphere", {"camera": WHOLE, "sphere_lights": [BULB]}),
+    "disk": ("tp3_disk", {"camera": CLOSE}),
+    "triangle": ("tp3_triangle", {"camera": CLOSE}),
+    "sphere": ("tp3_sphere", {"camera": CLOSE, "sphere_lights": [BULB]}),
 }
 """What the figures show: a file of scenes/, and what is changed in it."""
 
@@ -143,7 +145,10 @@ def pictures() -> dict[str, tuple[str, tuple[Strip, ...]]]:
         "square-root": ("close", tuple(Strip("close", sampled(n)) for n in (1, 16, 256))),
         "antialiasing": (
             "whole",
-            (Strip("whole", sampled(4)), Strip("whole", sampled(4, "--pixel-samples", "16"))),
+            (
+                Strip("whole", sampled(4), coarse=4),
+                Strip("whole", sampled(4, "--pixel-samples", "16"), coarse=4),
+            ),
         ),
         "trade": (
             "close",
@@ -165,7 +170,7 @@ def pictures() -> dict[str, tuple[str, tuple[Strip, ...]]]:
         ),
         "other-lights": (
             "disk",
-            tuple(Strip(name) for name in ("whole", "disk", "triangle", "sphere")),
+            tuple(Strip(name) for name in ("close", "disk", "triangle", "sphere")),
         ),
     }
 
@@ -209,7 +214,10 @@ def read_lesson(file: Path, language: str) -> Lesson:
         return ValueError(f"{file}:{line}: {reason}")
 
     def html(part: Sequence[Token]) -> Markup:
-        return Markup(markdown.renderer.render(list(part), markdown.options, {}))
+        said = markdown.renderer.render(list(part), markdown.options, {})
+        # No line begins with the full stop of a formula.
+        unbroken = r'(<math[^>]*display="inline">(?:(?!</math>).)*</math>\u00a0?[.,;:?!)]+)'
+        return Markup(re.sub(unbroken, r'<span class="unbroken">\1</span>', said))
 
     sections = _sections(tokens)
     if not sections or sections[0][0] != 1:
@@ -365,7 +373,8 @@ def mathml(latex: str, display: str = "inline") -> str:
 
 
 def composed(renderer: Path, strips: Sequence[Strip]) -> PillowImage.Image:
-    """As the lab saves them, side by side: each strip of the whole view, white lines between.
+    """As the lab saves them, side by side, each the same part of the view: its middle, or about the
+    shadow's right edge where it is seen from close by; white lines between.
 
     Raises OSError; ValueError where the renderer says no.
     """
@@ -378,12 +387,16 @@ def composed(renderer: Path, strips: Sequence[Strip]) -> PillowImage.Image:
             changed = scene_of(strip.scene) | strip.changes
             scene.write_text(json.dumps({k: v for k, v in changed.items() if v is not None}))
             command = [str(renderer), str(scene), "-o", str(image), *strip.options]
-            command += ["--width", str(width), "--height", str(height)]
+            command += ["--width", str(width // strip.coarse)]
+            command += ["--height", str(height // strip.coarse)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise ValueError(f"{renderer}: {done.stderr.strip()}")
             shown = (np.clip(read_image(image).radiance, 0, 1) * 255).astype(np.uint8)
-            picture[:, left:right] = shown[:, left:right]
+            shown = shown.repeat(strip.coarse, axis=0).repeat(strip.coarse, axis=1)
+            middle = width // 2 if changed["camera"]["fov_y_deg"] > 30 else round(0.78 * width)
+            first = min(max(0, middle - (right - left) // 2), width - (right - left))
+            picture[:, left:right] = shown[:, first : first + right - left]
             if left:
                 picture[:, left - 1 : left + 1] = 255
     return PillowImage.fromarray(picture)

@@ -25,6 +25,7 @@ from typing import IO, Any
 
 from penumbra.grading.cage import Limits, remove
 from penumbra.grading.fault import SubmissionFault
+from penumbra.language import _, say
 
 FILES = 10_000
 """Files and folders of a submission"""
@@ -81,13 +82,13 @@ def unpack(file: Path, folder: Path, limits: Limits) -> None:
         ) as error:  # fmt: skip
             if isinstance(error, SubmissionFault):
                 raise
-            raise sink.fault(f"damaged, or no such archive: {error}") from error
+            raise sink.fault(say("damaged, or no such archive: {error}", error=error)) from error
         except OSError as error:  # bz2 says so of damaged data
             if error.errno is not None:
                 raise
-            raise sink.fault(f"damaged, or no such archive: {error}") from error
+            raise sink.fault(say("damaged, or no such archive: {error}", error=error)) from error
         if not sink.files:
-            raise sink.fault("there is no file in it")
+            raise sink.fault(_("there is no file in it"))
 
 
 def copy_folder(source: Path, folder: Path, limits: Limits) -> None:
@@ -130,26 +131,32 @@ class _Sink:
         self.bytes = self.files = self.entries = 0
 
     def fault(self, why: str) -> SubmissionFault:
-        return SubmissionFault("archive", f"{self.name}: {why}")
+        return SubmissionFault("archive", say("{name}: {why}", name=self.name, why=why))
 
     def place(self, name: str) -> Path:
         """Where a file goes that an archive calls so. Raises SubmissionFault."""
         self.entries += 1
         if self.entries > FILES:
-            raise self.fault(f"more than {FILES:,} files and folders: hand in only your own")
+            raise self.fault(
+                say("more than {files:,} files and folders: hand in only your own", files=FILES)
+            )
         try:
             name.encode()
         except UnicodeEncodeError:  # tarfile keeps bytes that are no UTF-8: take them as Latin 1
             name = name.encode(errors="surrogateescape").decode("latin-1")
         if not name.replace("/", "").isprintable():
-            raise self.fault(f"{name!r}: a name with control characters: rename it")
+            raise self.fault(say("{name!r}: a name with control characters: rename it", name=name))
         parts = [part for part in name.replace("\\", "/").split("/") if part not in ("", ".")]
         if name.startswith(("/", "\\")) or ".." in parts or name[1:3] in (":\\", ":/"):
-            raise self.fault(f"{name!r}: leads out of the folder: pack it from within its folder")
+            raise self.fault(
+                say("{name!r}: leads out of the folder: pack it from within its folder", name=name)
+            )
         if len(parts) > DEEPEST:
-            raise self.fault(f"{name!r}: more than {DEEPEST} folders in folders")
+            raise self.fault(
+                say("{name!r}: more than {deepest} folders in folders", name=name, deepest=DEEPEST)
+            )
         if any(len(part.encode()) > LONGEST_NAME for part in parts):
-            raise self.fault(f"{name!r}: too long a name")
+            raise self.fault(say("{name!r}: too long a name", name=name))
         return self.folder.joinpath(*parts)
 
     def make_folder(self, name: str) -> None:
@@ -172,12 +179,18 @@ class _Sink:
                 self.bytes += len(chunk)
                 if size > self.limits.file_size:
                     raise self.fault(
-                        f"{name!r}: more than {self.limits.file_size / (1 << 20):,.0f} MB"
+                        say(
+                            "{name!r}: more than {file_size:,.0f} MB",
+                            name=name,
+                            file_size=self.limits.file_size / (1 << 20),
+                        )
                     )
                 if self.bytes > self.limits.disk:
                     raise self.fault(
-                        f"more than {self.limits.disk / (1 << 20):,.0f} MB in all: hand in only "
-                        "what your program needs"
+                        say(
+                            "more than {disk:,.0f} MB in all: hand in only what your program needs",
+                            disk=self.limits.disk / (1 << 20),
+                        )
                     )
                 sink.write(chunk)
         place.chmod(0o755 if executable else 0o644)
@@ -189,11 +202,13 @@ class _Sink:
         try:
             yield
         except (FileExistsError, NotADirectoryError, IsADirectoryError) as error:
-            raise self.fault(f"{name!r}: two files of that name, or a file and a folder") from error
+            raise self.fault(
+                say("{name!r}: two files of that name, or a file and a folder", name=name)
+            ) from error
         except OSError as error:
             if error.errno != errno.ENAMETOOLONG:
                 raise
-            raise self.fault(f"{name!r}: too long a name") from error
+            raise self.fault(say("{name!r}: too long a name", name=name)) from error
 
 
 # ---------------------------------------------------------------- zip
@@ -206,9 +221,20 @@ def _unzip(file: Path, sink: _Sink) -> None:
             mode = member.external_attr >> 16
             kind = stat.S_IFMT(mode)
             if member.flag_bits & 1:
-                raise sink.fault(f"{member.filename!r}: encrypted: pack it without a password")
+                raise sink.fault(
+                    say(
+                        "{filename!r}: encrypted: pack it without a password",
+                        filename=member.filename,
+                    )
+                )
             if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-                raise sink.fault(f"{member.filename!r}: {_kind(kind)}: pack plain files only")
+                raise sink.fault(
+                    say(
+                        "{filename!r}: {kind}: pack plain files only",
+                        filename=member.filename,
+                        kind=_kind(kind),
+                    )
+                )
             if member.is_dir():
                 sink.make_folder(member.orig_filename)
                 continue
@@ -227,10 +253,12 @@ def _look_at_directory(file: Path, sink: _Sink) -> None:
     found = tail.find(b"PK\5\6")
     while found >= 0:
         if int.from_bytes(tail[found + 12 : found + 16], "little") > DIRECTORY:
-            raise sink.fault(f"more than {FILES:,} files and folders: hand in only your own")
+            raise sink.fault(
+                say("more than {files:,} files and folders: hand in only your own", files=FILES)
+            )
         found = tail.find(b"PK\5\6", found + 1)
     if b"PK\6\7" in tail:
-        raise sink.fault("a zip of the 64-bit kind, for more than 4 GB: pack it as a .tar.gz")
+        raise sink.fault(_("a zip of the 64-bit kind, for more than 4 GB: pack it as a .tar.gz"))
 
 
 def _time(member: zipfile.ZipInfo) -> float:
@@ -249,13 +277,19 @@ def _untar(file: Path, sink: _Sink) -> None:
 
         def _proc_member(self, *rest: Any) -> Any:  # with the block that says its type read
             if self.type == tarfile.GNUTYPE_SPARSE:
-                raise sink.fault(f"{self.name!r}: a file with holes: pack it without --sparse")
+                raise sink.fault(
+                    say("{name!r}: a file with holes: pack it without --sparse", name=self.name)
+                )
             if self.type in LONG_HEADERS and self.size > HEADER:
-                raise sink.fault(f"{self.name!r}: a header of {self.size:,} bytes")
+                raise sink.fault(
+                    say("{name!r}: a header of {size:,} bytes", name=self.name, size=self.size)
+                )
             return super()._proc_member(*rest)  # type: ignore[misc]
 
         def _proc_gnusparse_10(self, *_: object) -> None:
-            raise sink.fault(f"{self.name!r}: a file with holes: pack it without --sparse")
+            raise sink.fault(
+                say("{name!r}: a file with holes: pack it without --sparse", name=self.name)
+            )
 
     with TARS[ending(file)](file) as stream:
         bounded: Any = _Bounded(stream, sink)
@@ -268,7 +302,9 @@ def _untar(file: Path, sink: _Sink) -> None:
                 if not member.isreg():
                     link = member.issym() or member.islnk()
                     said = _kind(stat.S_IFLNK if link else stat.S_IFCHR)
-                    raise sink.fault(f"{member.name!r}: {said}: pack plain files only")
+                    raise sink.fault(
+                        say("{name!r}: {said}: pack plain files only", name=member.name, said=said)
+                    )
                 source = archive.extractfile(member)
                 assert source
                 with source:
@@ -288,15 +324,18 @@ class _Bounded:
         if self.left < 0:
             mega = self.sink.limits.disk / (1 << 20)
             raise self.sink.fault(
-                f"more than {mega:,.0f} MB in all: hand in only what your program needs"
+                say(
+                    "more than {mega:,.0f} MB in all: hand in only what your program needs",
+                    mega=mega,
+                )
             )
         return data
 
 
 def _kind(mode: int) -> str:
     if mode == stat.S_IFLNK:
-        return "a link"
-    return "a device, a pipe or the like"
+        return _("a link")
+    return _("a device, a pipe or the like")
 
 
 # ---------------------------------------------------------------- a folder
@@ -307,7 +346,7 @@ def _copy(source: Path, inside: str, sink: _Sink) -> None:
         for entry in sorted(entries, key=lambda e: e.name):
             name = f"{inside}/{entry.name}" if inside else entry.name
             if entry.is_symlink():
-                raise sink.fault(f"{name!r}: a link: hand in plain files only")
+                raise sink.fault(say("{name!r}: a link: hand in plain files only", name=name))
             elif entry.is_dir():
                 sink.make_folder(name)
                 _copy(source, name, sink)
@@ -323,9 +362,9 @@ def _copy_file(path: str, name: str, sink: _Sink) -> None:
     except OSError as error:
         if error.errno not in (errno.ELOOP, errno.ENXIO, errno.EACCES):
             raise
-        raise sink.fault(f"{name!r}: no plain file that can be read") from error
+        raise sink.fault(say("{name!r}: no plain file that can be read", name=name)) from error
     with os.fdopen(descriptor, "rb") as source:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
-            raise sink.fault(f"{name!r}: no plain file that can be read")
+            raise sink.fault(say("{name!r}: no plain file that can be read", name=name))
         sink.write(name, source, bool(found.st_mode & 0o111), found.st_mtime)

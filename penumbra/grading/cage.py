@@ -31,6 +31,7 @@ from typing import Any, ClassVar
 
 from penumbra.grading.kernel import filter_works
 from penumbra.grading.warden import FILTER, NOBODY, SPARE_PROCESSES
+from penumbra.language import N_, say
 
 PACKAGE = Path(__file__).resolve().parents[1]
 """Never seen in a cage, wherever it is installed"""
@@ -274,7 +275,9 @@ class Bubblewrap(Cage):
     """Debian's bubblewrap: everything in namespaces of its own."""
 
     name = "bubblewrap"
-    promise = "no network, and nothing of this machine but its programs and libraries, read only"
+    promise = N_(
+        "no network, and nothing of this machine but its programs and libraries, read only"
+    )
     apart = 2  # itself, and the first process inside
 
     def inside(self, desk: Desk) -> Desk:
@@ -310,7 +313,7 @@ class Landlock(Cage):
     """Landlock, seccomp and limits of the kernel's: no namespace is needed."""
 
     name = "landlock"
-    promise = (
+    promise = N_(
         "no network, no file but this machine's programs and libraries read, none of another's "
         "written, no process of another's touched"
     )
@@ -324,7 +327,9 @@ class Uncaged(Cage):
     """Nothing, but that it ends."""
 
     name = "none"
-    promise = "nothing: a program can do all that you can, and only its time and size are limited"
+    promise = N_(
+        "nothing: a program can do all that you can, and only its time and size are limited"
+    )
 
 
 def _hidden(paths: Iterable[str]) -> bool:
@@ -387,10 +392,12 @@ def find_cage(trust: bool = False) -> Cage:
     if trust:
         return Uncaged()
     raise MissingCageError(
-        "nothing here can hold a program that may be hostile ("
-        + "; ".join(problems)
-        + "). Install bubblewrap where user namespaces are allowed, or use a kernel from 5.13 on "
-        "with Landlock; --trust runs programs without a cage, as you"
+        say(
+            "nothing here can hold a program that may be hostile ({problems}). Install bubblewrap "
+            "where user namespaces are allowed, or use a kernel from 5.13 on with Landlock; "
+            "--trust runs programs without a cage, as you",
+            problems="; ".join(problems),
+        )
     )
 
 

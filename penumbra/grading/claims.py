@@ -23,17 +23,18 @@ from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, Region,
 from penumbra.compare.check.words import WORDS
 from penumbra.compare.run.provenance import ROOT
 from penumbra.compare.scene import QuadLight, Scene, read_scene
+from penumbra.language import N_, _, say
 
 LIGHT_MEAN, PENUMBRA, NOISE_LAW, N_HAS_EFFECT, THREADS, OTHER_LIGHTS = CLAIMS = (
     "light_mean", "penumbra", "noise_law", "n_has_effect", "threads", "other_lights",
 )  # fmt: skip
 TITLES = {
-    LIGHT_MEAN: "The light's mean",
-    PENUMBRA: "Shadows and penumbra",
-    NOISE_LAW: "Noise falls as 1 / N",
-    N_HAS_EFFECT: "N has an effect",
-    THREADS: "Threads speed it up, and change no light",
-    OTHER_LIGHTS: "Several lights, and others than the lab's",
+    LIGHT_MEAN: N_("The light's mean"),
+    PENUMBRA: N_("Shadows and penumbra"),
+    NOISE_LAW: N_("Noise falls as 1 / N"),
+    N_HAS_EFFECT: N_("N has an effect"),
+    THREADS: N_("Threads speed it up, and change no light"),
+    OTHER_LIGHTS: N_("Several lights, and others than the lab's"),
 }
 SHOWN, REFUTED, UNTOLD, MISSING = "shown", "refuted", "cannot tell", "missing"
 HINTS = 4
@@ -133,7 +134,7 @@ def mistakes_against(claim: str) -> frozenset[str]:
 
 def missing() -> dict[str, State]:
     """Of what holds nothing that can be judged."""
-    said = "Nothing that can be judged was handed in."
+    said = _("Nothing that can be judged was handed in.")
     return {claim: State(MISSING, (said,) * HINTS) for claim in CLAIMS}
 
 
@@ -154,23 +155,23 @@ def states(first: Checked, others: Sequence[tuple[str, Checked]] = ()) -> dict[s
 def _state(claim: str, checked: Checked) -> State:
     found = checked.verdict
     if found.verdict == CANNOT_TELL:
-        return _untold("From these pictures nothing can be told for certain.")
+        return _untold(_("From these pictures nothing can be told for certain."))
     sure = [name for name in found.mistakes if name != UNKNOWN]
     guilty = [name for name in sure if claim in refuted_by(name)]
     if guilty:
         others = [names for names in found.alike if not any(claim in refuted_by(n) for n in names)]
         if not others:
             return _refuted(claim, found, guilty)
-        return _untold("These pictures do not tell which of several mistakes it is.")
+        return _untold(_("These pictures do not tell which of several mistakes it is."))
     if UNKNOWN in found.mistakes:
         return _unexplained(claim, found)
     if any(claim in refuted_by(name) for names in found.alike for name in names):
-        return _untold("These pictures do not tell which of several mistakes it is.")
+        return _untold(_("These pictures do not tell which of several mistakes it is."))
     if _would_show(claim, checked) or _shown_by_average(claim, checked, sure):
         return _shown(claim, checked)
     if sure:
-        return _untold("What is wrong with the light hides it.")
-    return _untold("These pictures cannot show it: a mistake here would look the same.")
+        return _untold(_("What is wrong with the light hides it."))
+    return _untold(_("These pictures cannot show it: a mistake here would look the same."))
 
 
 def _would_show(claim: str, checked: Checked) -> bool:
@@ -196,17 +197,17 @@ def _most_samples(checked: Checked) -> int:
 
 
 def _refuted(claim: str, found: Verdict, names: Sequence[str]) -> State:
-    seen = _seen(claim, found) if not _fine(claim, found) else "It is not as it should be."
-    said = _sentence(" and ".join(title(name) for name in names))
-    return State(REFUTED, ("It is not as it should be.", seen, said, said))
+    seen = _seen(claim, found) if not _fine(claim, found) else _("It is not as it should be.")
+    said = _sentence(_(" and ").join(title(name) for name in names))
+    return State(REFUTED, (_("It is not as it should be."), seen, said, said))
 
 
 def _unexplained(claim: str, found: Verdict) -> State:
     """Something is wrong that is no mistake of the catalogue: what the picture's parts say."""
     if _fine(claim, found):
-        return _untold("Something is wrong that no known mistake explains: look at it.")
+        return _untold(_("Something is wrong that no known mistake explains: look at it."))
     seen = _seen(claim, found)
-    return State(REFUTED, ("It is not as it should be.", seen, seen, seen))
+    return State(REFUTED, (_("It is not as it should be."), seen, seen, seen))
 
 
 def _fine(claim: str, found: Verdict) -> bool:
@@ -226,52 +227,60 @@ def _seen(claim: str, found: Verdict) -> str:
     """What the picture shows of it, with its number."""
     kind = {LIGHT_MEAN: "lit", PENUMBRA: "penumbra"}.get(claim)
     if kind is None:
-        return _sentence(WORDS["noise_of"].format(
-            n=found.nb_light_samples, effective=max(found.effective_samples, 1)))  # fmt: skip
+        n, effective = found.nb_light_samples, max(found.effective_samples, 1)
+        return _sentence(say(WORDS["noise_of"], n=n, effective=effective))
     parts = _parts(found, kind)
     if not parts:
-        return "No mistake that would change it is in these pictures."
+        return _("No mistake that would change it is in these pictures.")
     lit = _lit(found) if kind == "penumbra" else 1.0
-    beside = "beside what is lit, " if abs(lit - 1) > OFF else ""
+    beside = abs(lit - 1) > OFF
     lit = lit if beside and lit > 0 else 1.0
     worst = max(parts, key=lambda r: abs(r.ratio / lit - 1))
-    said = f"{beside}{worst.name} is {worst.ratio / lit:.3f} times as bright as it should be"
+    said = say(
+        N_("beside what is lit, {name} is {ratio:.3f} times as bright as it should be")
+        if beside
+        else N_("{name} is {ratio:.3f} times as bright as it should be"),
+        name=worst.name,
+        ratio=worst.ratio / lit,
+    )
     return _sentence(said)
 
 
 def _shown(claim: str, checked: Checked) -> State:
     found = checked.verdict
     said = _seen(claim, found) if _fine(claim, found) else (
-        "But for what else is wrong, it is as it should be."
+        _("But for what else is wrong, it is as it should be.")
     )  # fmt: skip
     if claim == N_HAS_EFFECT:
         counts = sorted({view.picture.nb_light_samples for view in checked.diagnosis.views})
         drawn = ", ".join(str(n) for n in counts)
-        said = f"The noise is that of N samples, not of one, at N = {drawn}."
-    return State(SHOWN, ("It is as it should be.", *(said,) * (HINTS - 1)))
+        said = say("The noise is that of N samples, not of one, at N = {drawn}.", drawn=drawn)
+    return State(SHOWN, (_("It is as it should be."), *(said,) * (HINTS - 1)))
 
 
 def _threads(checked: Checked) -> State:
     if any(THREADS in refuted_by(name) for name in checked.verdict.mistakes if name != UNKNOWN):
         said = _sentence(title("samples_lost"))
-        return State(REFUTED, ("Threads do harm.", "Threads do harm.", said, said))
+        return State(REFUTED, (_("Threads do harm."), _("Threads do harm."), said, said))
     if checked.examined is None:
-        return _untold("Pictures do not show how fast they were made: only a program does.")
+        return _untold(_("Pictures do not show how fast they were made: only a program does."))
     race = dict(checked.examined.facts).get("race")
     if race:
-        seen = _sentence(race.partition(":")[0])
-        return State(REFUTED, ("Threads do harm.", seen, _sentence(race), _sentence(race)))
-    return _untold("Several threads do no harm; whether they are faster was not timed.")
+        seen = _sentence(race.partition(":")[0].rstrip())
+        return State(REFUTED, (_("Threads do harm."), seen, _sentence(race), _sentence(race)))
+    return _untold(_("Several threads do no harm; whether they are faster was not timed."))
 
 
 def timed(timing: Mapping[str, Any]) -> State:
     """Of threads, once a program was timed (timing.py): never refuted by a clock alone."""
     if "ratio" not in timing:
-        return _untold(_sentence(f"It could not be timed: {timing['problem']}"))
+        return _untold(
+            _sentence(say("It could not be timed: {problem}", problem=timing["problem"]))
+        )
     said = times_as_fast(timing["threads"], timing["ratio"])
     if timing["ratio"] >= SPEED_UP:
         return State(SHOWN, (_sentence(said),) * HINTS)
-    return _untold(_sentence(f"{said}: is the loop over the pixels parallel?"))
+    return _untold(_sentence(say("{said}: is the loop over the pixels parallel?", said=said)))
 
 
 def _other_lights(first: Checked, others: Sequence[tuple[str, Checked]]) -> State:
@@ -282,8 +291,8 @@ def _other_lights(first: Checked, others: Sequence[tuple[str, Checked]]) -> Stat
         guilty = [n for n in checked.verdict.mistakes if OTHER_LIGHTS in _refuted_by(n)]
         new = [n for n in checked.verdict.mistakes if n not in names] if checked != first else []
         if guilty or new:
-            said = _sentence(f"{scene}: {' and '.join(title(n) for n in guilty or new)}")
-            seen = f"{scene}: it is not as it should be."
+            said = _sentence(f"{scene}: {_(' and ').join(title(n) for n in guilty or new)}")
+            seen = say("{scene}: it is not as it should be.", scene=scene)
             return State(REFUTED, (seen, seen, said, said))
     shown = [
         view.scene.name
@@ -292,13 +301,15 @@ def _other_lights(first: Checked, others: Sequence[tuple[str, Checked]]) -> Stat
     ]  # fmt: skip
     if shown:
         scenes = ", ".join(dict.fromkeys(shown))
-        return State(SHOWN, (f"It is as it should be: {scenes}.",) * HINTS)
+        return State(SHOWN, (say("It is as it should be: {scenes}.", scenes=scenes),) * HINTS)
     if failed := _failed_on_others(first):
-        seen = "It fails on a scene of several lights."
+        seen = _("It fails on a scene of several lights.")
         return State(REFUTED, (seen, seen, failed, failed))
     if any(_other(view.scene) for _, checked in every for view in checked.diagnosis.views):
-        return _untold("These pictures do not show it: something else is wrong, or hides it.")
-    return _untold("No picture of several lights, or of another light than the lab's, to tell by.")
+        return _untold(_("These pictures do not show it: something else is wrong, or hides it."))
+    return _untold(
+        _("No picture of several lights, or of another light than the lab's, to tell by.")
+    )
 
 
 def _failed_on_others(checked: Checked) -> str:
@@ -353,4 +364,5 @@ def _sentence(text: str) -> str:
     ('It ends early.', 'nbLightSamples has no effect.')
     """
     named = text.split(" ")[0] != text.split(" ")[0].lower()  # as in the code
-    return (text if named else text[:1].upper() + text[1:]).rstrip(".") + "."
+    text = text if named else text[:1].upper() + text[1:]
+    return text if text.endswith("?") else text.rstrip(".") + "."

@@ -48,6 +48,7 @@ from penumbra.grading.claims import HINTS, State, missing, states, untold
 from penumbra.grading.fault import SubmissionFault
 from penumbra.grading.program import MANIFEST, CagedRenderer, Program, read_manifest
 from penumbra.grading.submission import PICTURES, Content, File, is_manifest, read, shown
+from penumbra.language import NO_BREAK, _, say, speaking
 
 PATTERN = "n{light_samples}_m{pixel_samples}.png"
 PLACEHOLDERS = {
@@ -84,6 +85,8 @@ class Options:
     trusted: bool = False
     """programs run without a cage"""
     limits: Limits = field(default_factory=Limits)
+    language: str = "en"
+    """that is spoken to students, of language.LANGUAGES"""
 
     @property
     def key(self) -> str:
@@ -114,7 +117,7 @@ def judge(argument: tuple[Content, Options]) -> dict[str, Any]:
     content, options = argument
     if content.problem:
         return _failed(*content.problem)
-    with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
+    with speaking(options.language), tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
         try:
             return _judged(content, options, Path(folder))
         except SubmissionFault as fault:
@@ -147,12 +150,14 @@ def pattern_of(images: str) -> re.Pattern[str]:
                 known = " ".join(f"{{{p}}}" for p in PLACEHOLDERS)
                 raise PatternError(f"{images}: {piece}: a pattern may have {known} and *")
             if f"(?P<{name}>" in found:
-                raise PatternError(f"{images}: {piece} stands there twice")
+                raise PatternError(
+                    say("{images}: {piece} stands there twice", images=images, piece=piece)
+                )
             found += PLACEHOLDERS[name]
         else:
             found += re.escape(piece)
     if "(?P<light_samples>" not in found:
-        raise PatternError(f"{images}: without {{light_samples}} nobody knows N")
+        raise PatternError(say("{images}: without {{light_samples}} nobody knows N", images=images))
     return re.compile(found, re.IGNORECASE)
 
 
@@ -196,8 +201,8 @@ def _manifests(content: Content) -> list[str]:
 def _unpacked(archives: Sequence[File], options: Options, folder: Path) -> Content:
     """Raises SubmissionFault."""
     if len(archives) > 1:
-        names = _listed([shown(file.name) for file in archives], "it holds")
-        raise SubmissionFault("archive", f"Hand in one archive: {names}.")
+        names = _listed([shown(file.name) for file in archives], _("it holds"))
+        raise SubmissionFault("archive", say("Hand in one archive: {names}.", names=names))
     name = shown(Path(archives[0].name).name)
     file = folder / f"archive{ending(Path(name))}"
     file.write_bytes(archives[0].data)
@@ -238,30 +243,45 @@ def _one_a_stem(handed: Sequence[Handed]) -> tuple[list[Handed], list[str]]:
     for picture in sorted(handed, key=lambda h: PICTURES.index(h.file.suffix.lower())):
         twin = first.setdefault(_stem(picture.name), picture)
         if twin is not picture:
-            notes.append(f"{picture.name} is left out: {twin.name} is the same picture by its name")
+            notes.append(
+                say(
+                    "{name} is left out: {twin} is the same picture by its name",
+                    name=picture.name,
+                    twin=twin.name,
+                )
+            )
     found = sorted(
         first.values(), key=lambda h: (h.scene or "", h.light_samples, h.pixel_samples, h.name)
     )
     if len(found) > MOST_PICTURES:
-        notes.append(f"of {len(found)} pictures the first {MOST_PICTURES} are looked at")
+        notes.append(
+            say(
+                "of {count} pictures the first {most_pictures} are looked at",
+                count=len(found),
+                most_pictures=MOST_PICTURES,
+            )
+        )
     return found[:MOST_PICTURES], notes
 
 
 def _nothing(content: Content, options: Options) -> str:
     """What to say where there is nothing to judge."""
     names = [shown(file.name) for file in content.files]
-    there = _listed(names, "it holds") if names else "there is none in it"
+    there = _listed(names, "it holds") if names else _("there is none in it")
     if content.links and not names:
-        there = f"it holds links only ({content.links[0]}), which are not followed"
-    return (
-        f"Nothing to judge: pictures named {options.images} (or n016_aa01.png; as .png, .bmp, "
-        f".jpg, .ppm, .exr, .pfm, .hdr or .npy) or a {MANIFEST} were looked for, and {there}."
+        there = say("it holds links only ({links}), which are not followed", links=content.links[0])
+    return say(
+        "Nothing to judge: pictures named {images} (or n016_aa01.png; as .png, .bmp, .jpg, "
+        ".ppm, .exr, .pfm, .hdr or .npy) or a {manifest} were looked for, and {there}.",
+        images=options.images,
+        manifest=MANIFEST,
+        there=there,
     )
 
 
 def _listed(names: Sequence[str], lead: str) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return f"{lead} {', '.join(names[:NAMED])}{more}"
+    more = say(" and {count} more", count=len(names) - NAMED) if len(names) > NAMED else ""
+    return say("{lead} {names}{more}", lead=lead, names=", ".join(names[:NAMED]), more=more)
 
 
 # ---------------------------------------------------------------- pictures
@@ -291,7 +311,9 @@ def _of_pictures(handed: Sequence[Handed], notes: list[str], options: Options) -
     for scene in sorted(by_scene, key=lambda name: name or ""):
         file = _scene_file(options) if scene is None else shipped_scene(scene)
         if file is None:
-            notes.append(f"{by_scene[scene][0].name}: no scene is called {scene}")
+            notes.append(
+                say("{name}: no scene is called {scene}", name=by_scene[scene][0].name, scene=scene)
+            )
             continue
         views, fitted = _looked_at(by_scene[scene], file, notes)
         if views:
@@ -322,7 +344,13 @@ def _looked_at(
         try:
             picture = read_picture(one.file, scene, one.light_samples, one.pixel_samples)
         except ImageError as error:
-            notes.append(f"{one.name}: left out: {_without(str(error), one.file)}")
+            notes.append(
+                say(
+                    "{name}: left out: {reason}",
+                    name=one.name,
+                    reason=_without(str(error), one.file),
+                )
+            )
             continue
         pictures.append(replace(picture, name=one.name))
     if not pictures:
@@ -338,7 +366,8 @@ def _looked_at(
 
 
 def _without(message: str, file: Path) -> str:
-    return message.replace(f"{file}: ", "").replace(f" '{file}'", "").replace(str(file), "it")
+    named = rf"{re.escape(str(file))}{NO_BREAK}?: | '{re.escape(str(file))}'"
+    return re.sub(named, "", message).replace(str(file), _("it"))
 
 
 # ---------------------------------------------------------------- a program
@@ -354,7 +383,7 @@ def built(content: Content, options: Options, folder: Path) -> Iterator[Program]
     manifests = _manifests(content)
     if len(manifests) > 1:
         names = _listed([shown(name) for name in manifests], "it holds")
-        raise SubmissionFault("manifest", f"Hand in one program: {names}.")
+        raise SubmissionFault("manifest", say("Hand in one program: {names}.", names=names))
     home = folder / "program"
     top = manifests[0].removesuffix(MANIFEST)
     for file in content.files:
@@ -374,7 +403,7 @@ def _of_program(content: Content, beside: bool, options: Options, folder: Path) 
     with built(content, options, folder) as program:
         subject = _Bearable(program.renderer())
         checked = check_renderer(subject, scenes=program.manifest.scenes, pictures=ASKED_FOR)
-    notes = ["the pictures beside the program are not looked at"] if beside else []
+    notes = [_("the pictures beside the program are not looked at")] if beside else []
     pictures = [
         replace(trial.view.picture, name=str(trial.experiment))
         for trial in checked.examined.trials  # type: ignore[union-attr]
@@ -500,7 +529,11 @@ def _text(
     said = text(first.verdict, hint)
     for scene, checked in others:
         said += f"\n{scene}:\n{text(checked.verdict, hint)}"
-    return said + "".join(f"\nNote: {note}." for note in notes) + ("\n" if notes else "")
+    return (
+        said
+        + "".join(say("\nNote: {note}.", note=note) for note in notes)
+        + ("\n" if notes else "")
+    )
 
 
 def _evidence(checked: Checked) -> dict[str, Any]:
@@ -522,13 +555,19 @@ def _failed(code: str, said: str, printed: str = "", kind: str = "none") -> dict
 
 def lost(reason: str) -> dict[str, Any]:
     """Of a submission that ended every process that worked on it."""
-    said = f"Judging it ended the process that did: {reason}. Is one of its files damaged?"
+    said = say(
+        "Judging it ended the process that did: {reason}. Is one of its files damaged?",
+        reason=reason,
+    )
     return _failed("killed_worker", said)
 
 
 def _unforeseen(error: str) -> dict[str, Any]:
     """A fault of ours, which neither ends the class nor costs a point."""
-    said = f"Penumbra itself failed on it, which is no fault of the submission's ({error})."
+    said = say(
+        "Penumbra itself failed on it, which is no fault of the submission's ({error}).",
+        error=error,
+    )
     return _nothing_said("none", {"code": "internal", "text": said}, untold(said))
 
 

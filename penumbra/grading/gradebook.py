@@ -23,6 +23,7 @@ from penumbra.grading.grade import Options, judge, lost
 from penumbra.grading.rubric import Rubric, for_instructor
 from penumbra.grading.submission import Entry, read
 from penumbra.grading.timing import time_threads
+from penumbra.language import _
 
 SCHEMA = "penumbra-grades/1"
 JOURNAL, GRADES, TABLE = "grades.journal", "grades.json", "grades.csv"
@@ -77,6 +78,7 @@ def code_version() -> str:
     """Changes with whatever decides what is said of a submission."""
     folder = Path(penumbra.__file__).parent
     sources = [*folder.glob("compare/**/*.py"), *folder.glob("grading/*.py"), FILE]
+    sources += [folder / "language.py", *folder.glob("locale/*/*/*.mo")]
     return file_hash(*sorted(sources), *([LIBRARY] if LIBRARY.is_file() else []))
 
 
@@ -134,7 +136,7 @@ def _alone(tasks: Iterable[Task]) -> Iterator[tuple[Task, Any]]:
         try:
             found = receiver.recv()
         except EOFError:
-            found = Lost("it ended without an answer")
+            found = Lost(_("it ended without an answer"))
         finally:
             process.kill()
             process.join()
@@ -191,6 +193,7 @@ def _grades(
         "schema": SCHEMA,
         "scene": Path(asked.options.scene).stem,
         "hint": asked.hint,
+        "language": asked.options.language,
         "trusted": asked.options.trusted,
         "rubric": asked.rubric.json(),
         "submissions": submissions,

@@ -22,6 +22,7 @@ from penumbra.compare.run.renderers import (
 from penumbra.grading.archive import copy_folder
 from penumbra.grading.cage import Cage, Desk, Ended, Limits, desk
 from penumbra.grading.fault import Code, SubmissionFault
+from penumbra.language import N_, _, say
 
 MANIFEST = "penumbra.toml"
 EXAMPLE = '[program]\nrun = "./mine {scene} {light_samples} {seed} {out}"'
@@ -34,12 +35,16 @@ NO_PROCESS = ("Cannot fork", "fork: retry", "fork: Resource temporarily unavaila
 NO_MEMORY = ("MemoryError", "std::bad_alloc", "Cannot allocate memory", "OutOfMemoryError")
 """What Python, C++, C and Java print where the kernel refuses what is absurd, on this machine"""
 ADVICE = {
-    signal.SIGSEGV: "it reads or writes memory that is not its own: look for an index out of range",
-    signal.SIGBUS: "it reads or writes memory that is not its own",
-    signal.SIGABRT: "it gave up by itself: an assertion, or memory freed twice",
-    signal.SIGFPE: "it divides an integer by zero",
-    signal.SIGILL: "it was compiled for another processor: build without -march=native",
-    signal.SIGKILL: "it was killed from outside or by itself: perhaps the machine had no memory",
+    signal.SIGSEGV: N_(
+        "it reads or writes memory that is not its own: look for an index out of range"
+    ),
+    signal.SIGBUS: N_("it reads or writes memory that is not its own"),
+    signal.SIGABRT: N_("it gave up by itself: an assertion, or memory freed twice"),
+    signal.SIGFPE: N_("it divides an integer by zero"),
+    signal.SIGILL: N_("it was compiled for another processor: build without -march=native"),
+    signal.SIGKILL: N_(
+        "it was killed from outside or by itself: perhaps the machine had no memory"
+    ),
 }
 
 
@@ -78,17 +83,37 @@ def read_manifest(folder: Path) -> Manifest:
     """Of the submission in a folder. Raises ManifestError, OSError."""
     file = folder / MANIFEST
     if file.is_symlink() or not file.is_file():
-        raise ManifestError(f"{MANIFEST}: not there: it says how to run your program:\n{EXAMPLE}")
+        raise ManifestError(
+            say(
+                "{manifest}: not there: it says how to run your program:\n{example}",
+                manifest=MANIFEST,
+                example=EXAMPLE,
+            )
+        )
     try:
         with file.open("rb") as stream:
             text = stream.read(LONGEST).decode()
         if text.count("[") + text.count("{") > MOST_BRACKETS:  # tomllib calls itself for each
-            raise ManifestError(f"{MANIFEST}: more than {MOST_BRACKETS} brackets: a few will do")
+            raise ManifestError(
+                say(
+                    "{manifest}: more than {most_brackets} brackets: a few will do",
+                    manifest=MANIFEST,
+                    most_brackets=MOST_BRACKETS,
+                )
+            )
         table = tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise ManifestError(f"{MANIFEST}: not UTF-8: save it as such ({error.reason})") from error
+        raise ManifestError(
+            say(
+                "{manifest}: not UTF-8: save it as such ({reason})",
+                manifest=MANIFEST,
+                reason=error.reason,
+            )
+        ) from error
     except tomllib.TOMLDecodeError as error:  # says the line
-        raise ManifestError(f"{MANIFEST}: not TOML: {error}") from error
+        raise ManifestError(
+            say("{manifest}: not TOML: {error}", manifest=MANIFEST, error=error)
+        ) from error
     return _manifest(table, text)
 
 
@@ -96,31 +121,38 @@ def _manifest(table: dict[str, Any], text: str) -> Manifest:
     def wrong(key: str, why: str) -> ManifestError:
         found = re.search(rf'^[ \t]*\[?[ \t]*["\']?{re.escape(key)}\b', text, re.MULTILINE)
         line = f":{text.count(chr(10), 0, found.start()) + 1}" if found else ""
-        return ManifestError(f"{MANIFEST}{line}: {key}: {why}")
+        return ManifestError(
+            say("{manifest}{line}: {key}: {why}", manifest=MANIFEST, line=line, key=key, why=why)
+        )
 
     for key in table.keys() - {"program"}:
-        raise wrong(key, "unknown: there is one table, [program]")
+        raise wrong(key, _("unknown: there is one table, [program]"))
     program = table.get("program")
     if not isinstance(program, dict):
-        raise wrong("program", f"there must be a table of that name:\n{EXAMPLE}")
+        raise wrong(
+            "program", say("there must be a table of that name:\n{example}", example=EXAMPLE)
+        )
     known = {"build": str, "run": str, "image_suffix": str, "scenes": list}
     for key, value in program.items():
         if key not in known:
-            raise wrong(key, f"unknown: known are {', '.join(known)}")
+            raise wrong(key, say("unknown: known are {known}", known=", ".join(known)))
         if not isinstance(value, known[key]):
-            raise wrong(key, "must be " + ("a list" if known[key] is list else "a text"))
+            raise wrong(key, _("must be a list") if known[key] is list else _("must be a text"))
         if isinstance(value, str) and ("\0" in value or "\n" in value.strip()):
-            raise wrong(key, "must be one line")
+            raise wrong(key, _("must be one line"))
     if "run" not in program:
-        raise wrong("program", f"has no run:\n{EXAMPLE}")
+        raise wrong("program", say("has no run:\n{example}", example=EXAMPLE))
     scenes = program.get("scenes", list(SCENES))
     for scene in scenes:
         if scene not in SCENES:
-            raise wrong("scenes", f"{scene!r}: known are {', '.join(SCENES)}")
+            raise wrong(
+                "scenes",
+                say("{scene!r}: known are {scenes}", scene=scene, scenes=", ".join(SCENES)),
+            )
     if FIRST not in scenes:
-        raise wrong("scenes", f"{FIRST}, the lab's own, must be one of them")
+        raise wrong("scenes", say("{first}, the lab's own, must be one of them", first=FIRST))
     if program.get("image_suffix", ".exr") not in SUFFIXES:
-        raise wrong("image_suffix", f"must be one of {', '.join(SUFFIXES)}")
+        raise wrong("image_suffix", say("must be one of {suffixes}", suffixes=", ".join(SUFFIXES)))
     manifest = Manifest(
         program["run"].strip(),
         program.get("build", "").strip(),
@@ -165,13 +197,17 @@ class Program:
             return
         self.desk.clear()
         ended = self.cage.run(["sh", "-c", line], self.desk, self.limits, building=True)
-        what = f"The build ({line})"
+        what = say("The build ({line})", line=line)
         raise_fault(ended, what, self.limits)
         if ended.code != 0:
             raise SubmissionFault(
                 "build_failed",
-                f"{what} {meaning(ended.code)}: try it in a fresh copy of what you handed in, and "
-                "read what it prints",
+                say(
+                    "{what} {how}: try it in a fresh copy of what you handed in, and read what "
+                    "it prints",
+                    what=what,
+                    how=meaning(ended.code),
+                ),
                 harmless(ended.printed),
             )
 
@@ -218,14 +254,17 @@ class CagedRenderer:
         if ended.code in (NOT_FOUND, CANNOT_RUN):
             raise SubmissionFault(
                 "crashed",
-                f"{self.command.words[0]} could not be started: is it what your build makes, for "
-                "Linux, and named so in penumbra.toml?",
+                say(
+                    "{program} could not be started: is it what your build makes, for Linux, and "
+                    "named so in penumbra.toml?",
+                    program=self.command.words[0],
+                ),
                 harmless(ended.printed),
             )
         if ended.code != 0:
             raise SubmissionFault(
                 "crashed",
-                f"{what} {meaning(ended.code)}",
+                say("{what} {how}", what=what, how=meaning(ended.code)),
                 harmless(ended.printed),
             )
         self._take(name, out, what, harmless(ended.printed))
@@ -237,26 +276,38 @@ class CagedRenderer:
         except FileNotFoundError as error:
             raise SubmissionFault(
                 "no_image",
-                f"{what} ended well but wrote no image: it must be in the file that {{out}} names",
+                say(
+                    "{what} ended well but wrote no image: it must be in the file that {{out}} "
+                    "names",
+                    what=what,
+                ),
                 printed,
             ) from error
         except OSError as error:
             raise SubmissionFault(
                 "bad_image",
-                f"{what} left something else than a plain file where {{out}} is: "
-                "write the image itself there",
+                say(
+                    "{what} left something else than a plain file where {{out}} is: write the "
+                    "image itself there",
+                    what=what,
+                ),
                 printed,
             ) from error
 
     def refused(self, job: Job, out: Path, why: str) -> SubmissionFault:
         why = why.replace(str(out), f"image{self.suffix}").replace(out.name, f"image{self.suffix}")
-        return SubmissionFault("bad_image", f"{_rendering(job)} {why}")
+        return SubmissionFault(
+            "bad_image", say("{rendering} {why}", rendering=_rendering(job), why=why)
+        )
 
 
 def _rendering(job: Job) -> str:
-    m = f" and {job.pixel_samples} pixel samples" if job.pixel_samples > 1 else ""
-    return (
-        f"Rendering {job.scene_file.stem} with {job.light_samples} light samples{m}, your program"
+    m = say(" and {count} pixel samples", count=job.pixel_samples) if job.pixel_samples > 1 else ""
+    return say(
+        "Rendering {scene} with {count} light samples{m}, your program",
+        scene=job.scene_file.stem,
+        count=job.light_samples,
+        m=m,
     )
 
 
@@ -264,15 +315,31 @@ def raise_fault(ended: Ended, what: str, limits: Limits) -> None:
     """Raise the SubmissionFault of a limit or a misdeed that ended a program, if one did."""
     mega = 1 / (1 << 20)
     limit: dict[str, str] = {
-        "time_limit": f"took longer than {limits.seconds:g} s: make it faster, or look for a loop "
-        "that does not end",
-        "memory_limit": f"took more than {limits.memory * mega:,.0f} MB of memory",
-        "process_limit": f"started more than {limits.processes} processes and threads",
-        "file_limit": f"wrote a file of more than {limits.file_size * mega:,.0f} MB",
-        "disk_limit": f"wrote more than {limits.disk * mega:,.0f} MB, or {limits.files:,} files",
-        "output_limit": f"printed more than {limits.output * mega:,.1f} MB: print less",
-        "forbidden": "did what no renderer needs and what is not allowed here: it opened a "
-        "network connection, or looked into another process",
+        "time_limit": say(
+            "took longer than {seconds:g} s: make it faster, or look for a loop that does not end",
+            seconds=limits.seconds,
+        ),
+        "memory_limit": say(
+            "took more than {memory:,.0f} MB of memory", memory=limits.memory * mega
+        ),
+        "process_limit": say(
+            "started more than {processes} processes and threads", processes=limits.processes
+        ),
+        "file_limit": say(
+            "wrote a file of more than {file_size:,.0f} MB", file_size=limits.file_size * mega
+        ),
+        "disk_limit": say(
+            "wrote more than {disk:,.0f} MB, or {files:,} files",
+            disk=limits.disk * mega,
+            files=limits.files,
+        ),
+        "output_limit": say(
+            "printed more than {output:,.1f} MB: print less", output=limits.output * mega
+        ),
+        "forbidden": _(
+            "did what no renderer needs and what is not allowed here: it opened a "
+            "network connection, or looked into another process"
+        ),
     }
     code: Code | None = ended.limit or None  # type: ignore[assignment]
     if ended.code == -signal.SIGSYS:
@@ -284,19 +351,22 @@ def raise_fault(ended: Ended, what: str, limits: Limits) -> None:
     elif ended.code and any(said in ended.printed for said in NO_MEMORY):
         code = "memory_limit"
     if code:
-        raise SubmissionFault(code, f"{what} {limit[code]}", harmless(ended.printed))
+        raise SubmissionFault(
+            code, say("{what} {limit}", what=what, limit=limit[code]), harmless(ended.printed)
+        )
 
 
 def meaning(code: int | None) -> str:
     """How a program ended, in words."""
     if code is None or code >= 0:
-        return f"ended with exit code {code}"
+        return say("ended with exit code {code}", code=code)
     try:
         kind = signal.Signals(-code)
     except ValueError:
-        return f"was ended by signal {-code}"
-    advice = f": {ADVICE[kind]}" if kind in ADVICE else ""
-    return f"was ended by {kind.name}{advice}"
+        return say("was ended by signal {number}", number=-code)
+    if kind in ADVICE:
+        return say("was ended by {name}: {advice}", name=kind.name, advice=_(ADVICE[kind]))
+    return say("was ended by {name}", name=kind.name)
 
 
 def harmless(printed: str) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from penumbra.grading.claims import CLAIMS, HINTS, MISSING, REFUTED, TITLES, UNTOLD, State
+from penumbra.language import N_, _, say
 
 SHIPPED = Path(__file__).with_name("rubric.toml")
 KEYS = ("title", "points", "titles")
@@ -71,44 +72,61 @@ def read_rubric(file: Path = SHIPPED) -> Rubric:
         text = file.read_text(encoding="utf-8")
         data = tomllib.loads(text)
     except FileNotFoundError:
-        raise RubricError(f"{file}: no such file") from None
+        raise RubricError(say("{file}: no such file", file=file)) from None
     except OSError as error:
-        raise RubricError(f"{file}: cannot be read: {error.strerror}") from error
+        raise RubricError(
+            say("{file}: cannot be read: {strerror}", file=file, strerror=error.strerror)
+        ) from error
     except ValueError as error:  # no UTF-8, or no TOML
-        raise RubricError(f"{file}: is no TOML file: {error}") from error
+        raise RubricError(
+            say("{file}: is no TOML file: {error}", file=file, error=error)
+        ) from error
 
     def wrong(key: str, message: str) -> RubricError:
-        return RubricError(f"{file}{_line(text, key)}: {key}: {message}")
+        return RubricError(
+            say(
+                "{file}{line}: {key}: {message}",
+                file=file,
+                line=_line(text, key),
+                key=key,
+                message=message,
+            )
+        )
 
     for key in data:
         if key not in KEYS:
-            raise wrong(key, f"unknown; a rubric has {', '.join(KEYS)}")
-    title = data.get("title", "Soft shadows")
+            raise wrong(key, say("unknown; a rubric has {keys}", keys=", ".join(KEYS)))
+    title = data.get("title", N_("Soft shadows"))
     if not isinstance(title, str):
-        raise wrong("title", "not a text")
+        raise wrong("title", _("not a text"))
     points, titles = data.get("points"), data.get("titles", {})
     if not isinstance(points, dict) or not points:
-        raise RubricError(f"{file}: has no table [points] with a claim's points, as light_mean = 6")
+        raise RubricError(
+            say("{file}: has no table [points] with a claim's points, as light_mean = 6", file=file)
+        )
     if not isinstance(titles, dict):
-        raise wrong("titles", "not a table of texts")
+        raise wrong("titles", _("not a table of texts"))
     for table in (points, titles):
         for claim in table:
             if claim not in CLAIMS:
-                raise wrong(claim, f"no claim; there are {', '.join(CLAIMS)}")
+                raise wrong(claim, say("no claim; there are {claims}", claims=", ".join(CLAIMS)))
     for claim, said in titles.items():
         if not isinstance(said, str):
-            raise wrong(claim, "its title is not a text")
+            raise wrong(claim, _("its title is not a text"))
     for claim, worth in points.items():
         if not isinstance(worth, int) or isinstance(worth, bool):
-            raise wrong(claim, f"{worth!r} points: whole numbers only, such as 6")
+            raise wrong(claim, say("{worth!r} points: whole numbers only, such as 6", worth=worth))
         if not 0 <= worth <= MOST_POINTS:
-            raise wrong(claim, f"{worth} points: 0 to {MOST_POINTS}")
+            raise wrong(
+                claim,
+                say("{worth} points: 0 to {most_points}", worth=worth, most_points=MOST_POINTS),
+            )
     if not any(points.values()):
-        raise RubricError(f"{file}: [points]: no claim is worth anything")
+        raise RubricError(say("{file}: [points]: no claim is worth anything", file=file))
     return Rubric(
-        title,
+        _(title),
         tuple(
-            Criterion(claim, titles.get(claim, TITLES[claim]), points[claim])
+            Criterion(claim, titles.get(claim) or _(TITLES[claim]), points[claim])
             for claim in CLAIMS
             if claim in points
         ),

@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 
 from penumbra.grading.archive import ending
 from penumbra.grading.program import MANIFEST
+from penumbra.language import _, say
 
 PICTURES = (".exr", ".npy", ".pfm", ".hdr", ".png", ".bmp", ".ppm", ".jpg", ".jpeg")
 """What is read as a picture; of two with one stem the first is taken"""
@@ -100,13 +101,20 @@ def entries(folder: Path, one: bool = False, leave: Iterable[Path] = ()) -> list
     try:
         if one:
             if not folder.exists():
-                raise FolderError(f"{folder}: no such folder or file")
+                raise FolderError(say("{folder}: no such folder or file", folder=folder))
             return [Entry(shown(folder.resolve().name), folder)]
         if not folder.is_dir():
-            raise FolderError(f"{folder}: no such folder: give one with a subfolder a submission")
+            raise FolderError(
+                say(
+                    "{folder}: no such folder: give one with a subfolder a submission",
+                    folder=folder,
+                )
+            )
         names = os.listdir(folder)
     except OSError as error:
-        raise FolderError(f"{folder}: cannot be read: {error.strerror}") from error
+        raise FolderError(
+            say("{folder}: cannot be read: {strerror}", folder=folder, strerror=error.strerror)
+        ) from error
     left = {path.resolve() for path in leave}
     found = [
         Entry(shown(name), folder / name)
@@ -114,7 +122,9 @@ def entries(folder: Path, one: bool = False, leave: Iterable[Path] = ()) -> list
         if not name.startswith(".") and (folder.resolve() / name) not in left
     ]
     if not found:
-        raise FolderError(f"{folder}: is empty: give a folder with a subfolder a submission")
+        raise FolderError(
+            say("{folder}: is empty: give a folder with a subfolder a submission", folder=folder)
+        )
     return sorted(found, key=lambda entry: entry.id)
 
 
@@ -125,19 +135,19 @@ def read(path: Path) -> Content:
         mode = path.lstat().st_mode
         if stat.S_ISLNK(mode):
             return Content(
-                (), (shown(path.name),), ("link", "It is a link: links are not followed.")
+                (), (shown(path.name),), ("link", _("It is a link: links are not followed."))
             )
         if stat.S_ISREG(mode):
             return _gathered(path.parent, [path], [])
         if not stat.S_ISDIR(mode):
-            said = "It is neither a folder nor a file."
+            said = _("It is neither a folder nor a file.")
             return Content((), (), ("unreadable", said))
         files, links = _walk(path)
         if not any(is_manifest(file.relative_to(path)) for file in files):
             files = [f for f in files if _may_tell(f.relative_to(path))]
         return _gathered(path, files, sorted(shown(str(link.relative_to(path))) for link in links))
     except OSError as error:
-        said = f"It cannot be read: {error.strerror or error}."
+        said = say("It cannot be read: {reason}.", reason=error.strerror or error)
         return Content((), (), ("unreadable", said))
     except _TooMuchError as error:
         return Content((), (), ("too_large", str(error)))
@@ -166,7 +176,7 @@ def _walk(folder: Path) -> tuple[list[Path], list[Path]]:
     while todo:
         here, depth = todo.pop()
         if depth > DEEPEST:
-            raise _TooMuchError(f"Its folders are more than {DEEPEST} deep.")
+            raise _TooMuchError(say("Its folders are more than {deepest} deep.", deepest=DEEPEST))
         with os.scandir(here) as found:
             for entry in found:
                 if entry.is_symlink():
@@ -177,7 +187,9 @@ def _walk(folder: Path) -> tuple[list[Path], list[Path]]:
                 elif entry.is_file(follow_symlinks=False) and not entry.name.startswith("._"):
                     files.append(Path(entry.path))
                 if len(files) + len(links) + len(todo) > MOST_FILES:
-                    raise _TooMuchError(f"It holds more than {MOST_FILES} files.")
+                    raise _TooMuchError(
+                        say("It holds more than {most_files} files.", most_files=MOST_FILES)
+                    )
     return files, links
 
 
@@ -193,7 +205,9 @@ def _gathered(folder: Path, files: list[Path], links: list[str]) -> Content:
             data = stream.read(MOST_BYTES - total + 1)
         total += len(data)
         if total > MOST_BYTES:
-            raise _TooMuchError(f"It holds more than {MOST_BYTES >> 20} MB.")
+            raise _TooMuchError(
+                say("It holds more than {most_bytes} MB.", most_bytes=MOST_BYTES >> 20)
+            )
         name = str(PurePosixPath(*file.relative_to(folder).parts))
         found.append(File(name, data, bool(status.st_mode & stat.S_IXUSR)))
     return Content(tuple(sorted(found, key=lambda f: f.name)), tuple(links))

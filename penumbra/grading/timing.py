@@ -17,6 +17,7 @@ from penumbra.compare.scene import read_scene
 from penumbra.grading.fault import SubmissionFault
 from penumbra.grading.grade import Options, built
 from penumbra.grading.submission import Content
+from penumbra.language import _
 
 LONG_ENOUGH = 1.0
 """[s] on one thread, from which starting the program does not matter"""
@@ -34,7 +35,7 @@ def time_threads(content: Content, options: Options) -> dict[str, Any]:
     """
     threads = min(cores(), options.limits.processes // 2)
     if threads < 2:
-        return {"problem": "the grader's machine has one core"}
+        return {"problem": _("the grader's machine has one core")}
     scene_file = ROOT / "scenes" / f"{FIRST}.json"
     scene = read_scene(scene_file)
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:

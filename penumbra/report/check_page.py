@@ -29,8 +29,10 @@ from penumbra.compare.check.view import View
 from penumbra.compare.check.words import WORDS
 from penumbra.compare.run.output import write_whole
 from penumbra.compare.run.provenance import origin
+from penumbra.language import N_, _, localised, say
 from penumbra.report import figures
 from penumbra.report.build import asset, environment, spoken
+from penumbra.report.words import plain
 
 WHERE, NAME, ALL = 1, 2, 3
 """Hints, as of compare.check.verdict.text: from which one a part of the page is shown"""
@@ -40,6 +42,17 @@ LIMIT = 5.0
 """Of the map's colours [standard errors]"""
 MOST_PIXELS = 300_000
 """Of a picture in the comparer: three of them keep the page below 3 MB"""
+LAWS = {
+    "float": N_("float"),
+    "truncated": N_("8 bits, truncated"),
+    "rounded": N_("8 bits, rounded"),
+    "truncated 256": N_("8 bits, truncated after times 256"),
+    "gamma 2.2": N_("8 bits, gamma 2.2"),
+    "sRGB": N_("8 bits, sRGB"),
+    "square root": N_("8 bits, square root"),
+    "gamma twice": N_("8 bits, gamma twice"),
+}
+"""How values became numbers, of check.picture"""
 
 
 def write_page(file: Path, checked: Checked, hint: int, course: str = "") -> None:
@@ -71,7 +84,7 @@ def _content(checked: Checked, hint: int, course: str) -> dict[str, Any]:
         "look": _look(checked) if wrong and hint == WHERE else None,
         "observed": observations(found) if seen and found.verdict != RIGHT_ else [],
         "causes": _causes(checked, hint, course) if explains else [],
-        "several": WORDS["several"] if explains and found.several else "",
+        "several": _(WORDS["several"]) if explains and found.several else "",
         "alike": [titles(names) for names in found.alike] if wrong and hint >= ALL else [],
         "runners": _runners(checked) if wrong and hint >= ALL else [],
         "command": found.command if hint >= WHERE else "",
@@ -94,9 +107,9 @@ def _content(checked: Checked, hint: int, course: str) -> dict[str, Any]:
 def _look(checked: Checked) -> dict[str, Any]:
     """Where to look, without a name."""
     found = checked.verdict
-    what = WORDS["hint_noise" if noise_only(found) else "hint_mean"]
+    what = _(WORDS["hint_noise" if noise_only(found) else "hint_mean"])
     steps = [explained(name).step for name in found.mistakes if name != UNKNOWN]
-    return {"text": WORDS["hint"].format(where=what), "steps": list(dict.fromkeys(steps))}
+    return {"text": say(WORDS["hint"], where=what), "steps": list(dict.fromkeys(steps))}
 
 
 def _causes(checked: Checked, hint: int, course: str) -> list[dict[str, Any]]:
@@ -105,7 +118,7 @@ def _causes(checked: Checked, hint: int, course: str) -> list[dict[str, Any]]:
     if found.perhaps and UNKNOWN not in found.mistakes:
         causes += [
             _cause(name, checked, hint, course)
-            | {"title": f"{WORDS['perhaps']} {explained(name).title}"}
+            | {"title": f"{_(WORDS['perhaps'])} {explained(name).title}"}
             for name in found.perhaps
         ]
     return causes
@@ -115,9 +128,9 @@ def _cause(name: str, checked: Checked, hint: int, course: str) -> dict[str, Any
     found = checked.verdict
     if name == UNKNOWN:
         text = unknown(found)
-        nearest = WORDS["nearest"].format(title=titles(found.perhaps)) if found.perhaps else ""
+        nearest = say(WORDS["nearest"], title=titles(found.perhaps)) if found.perhaps else ""
         return {
-            "title": "Not in the catalogue",
+            "title": _("Not in the catalogue"),
             "text": f"{text[0].upper()}{text[1:]}.",
             "nearest": f"{nearest[:1].upper()}{nearest[1:]}",
             "formula": None,
@@ -154,13 +167,13 @@ def _odds(odds: float) -> str:
 
 def _with_command(text: str) -> dict[str, str]:
     """What is said, and the command that follows its colon."""
-    said, _, command = text.rpartition(": ")
-    return {"text": said or command, "command": command if said else ""}
+    said, colon, command = text.rpartition(": ")
+    return {"text": said.rstrip() or command, "command": command if colon else ""}
 
 
 def _row(view: View, checked: Checked, hint: int) -> dict[str, Any]:
     picture = view.picture
-    law = picture.law if picture.law == "float" else f"8 bits, {picture.law}"
+    law = _(LAWS.get(picture.law, picture.law))
     height, width = picture.values.shape[:2]
     effective = effective_samples(view, checked.diagnosis)
     return {
@@ -169,7 +182,7 @@ def _row(view: View, checked: Checked, hint: int) -> dict[str, Any]:
         "light_samples": picture.nb_light_samples,
         "pixel_samples": picture.samples_per_pixel,
         "law": f"{law}, JPEG" if picture.jpeg else law,
-        "noise": f"{max(effective, 1):.2g}",
+        "noise": localised(f"{max(effective, 1):.2g}"),
     }
 
 
@@ -181,14 +194,16 @@ def _compare(checked: Checked, lead: View, hint: int) -> dict[str, Any]:
     found, diagnosis = checked.verdict, checked.diagnosis
     factor = diagnosis.right.variant.factor if found.verdict == RIGHT_ else 1.0
     shown = [
-        (f"yours: {Path(lead.picture.name).name}", lead.picture.values),
-        ("right, without noise", right_picture(lead, factor)),
+        (say("yours: {name}", name=Path(lead.picture.name).name), lead.picture.values),
+        (_("right, without noise"), right_picture(lead, factor)),
     ]
     best = diagnosis.best.variant
     if found.verdict == WRONG and hint >= NAME and best.mistakes and not found.beside:
         named = set(best.mistakes) == {*found.mistakes, *found.perhaps} - {UNKNOWN}
         label = (
-            "with the mistake" if named and UNKNOWN not in found.mistakes else "with the nearest"
+            _("with the mistake")
+            if named and UNKNOWN not in found.mistakes
+            else _("with the nearest")
         )
         shown.append((label, mistaken_picture(lead, checked.scene_file, best)))
     height, width = lead.picture.values.shape[:2]
@@ -200,7 +215,7 @@ def _compare(checked: Checked, lead: View, hint: int) -> dict[str, Any]:
         "images": [
             {
                 "label": label,
-                "group": f"scene {lead.scene.name}",
+                "group": say("scene {name}", name=lead.scene.name),
                 "width": width,
                 "height": height,
                 "data": figures.packed_halves(radiance),
@@ -227,17 +242,23 @@ def _map(checked: Checked, lead: View) -> dict[str, Any]:
     excess[dark] = 0
     worst = float(excess.ravel()[np.argmax(np.abs(excess))])
     height, width = excess.shape
-    what = "the right light"
+    what = _("the right light")
     if best.mistakes:
-        what = f"“{titles(best.mistakes)}”"
+        what = say("“{titles}”", titles=titles(best.mistakes))
     return {
         "png": figures.png_uri(figures.diverging_map(excess, LIMIT, dark)),
         "width": width,
         "height": height,
         "stops": ", ".join(figures.diverging_stops()),
         "limit": f"{LIMIT:g}",
-        "worst": f"{worst:+.1f}".replace("-", "−"),
+        "worst": plain(f"{worst:+.1f}"),
         "what": what,
+        "alt": say(
+            "Map of your picture less what {what} foretells; the farthest cell is {worst} standard "
+            "errors off",
+            what=what,
+            worst=plain(f"{worst:+.1f}"),
+        ),
         "unknown": UNKNOWN in found.mistakes,
     }
 
@@ -249,8 +270,11 @@ def _light(checked: Checked) -> Markup | None:
         return None
     return figures.places_chart(
         "check-light",
-        "Places in the light's plane that the picture's light seems to come from; "
-        f"{light.inside:.0%} of it from the quad itself",
+        say(
+            "Places in the light's plane that the picture's light seems to come from; "
+            "{inside:.0%} of it from the quad itself",
+            inside=light.inside,
+        ),
         light.points,
         light.weights,
     )

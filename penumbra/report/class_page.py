@@ -18,7 +18,8 @@ from penumbra.compare.check.catalogue import catalogue
 from penumbra.compare.check.explanation import exhibits, title
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG
 from penumbra.compare.run.output import write_whole
-from penumbra.report.build import asset, environment
+from penumbra.language import N_, _, say
+from penumbra.report.build import asset, environment, spoken
 from penumbra.report.check_page import NAME, TONES, WHERE
 from penumbra.report.words import digits
 
@@ -28,9 +29,34 @@ VERDICTS = {WRONG: TONES[WRONG], FAILED: FAILED, CANNOT_TELL: TONES[CANNOT_TELL]
 """With the tones that mark them, in the column's order: what needs the instructor comes first"""
 STATES = {"missing": "missing", "refuted": "differs", "cannot tell": "undecided", "shown": "agrees"}
 """Of claims, the worst first, with the tones that mark them"""
+SAID = (N_("right"), N_("wrong"), N_("cannot tell"), N_("failed"), N_("shown"), N_("refuted"),
+        N_("missing"))  # fmt: skip
+"""Verdicts and states, as people read them"""
+KINDS = {"images": N_("pictures"), "program": N_("a program"), "none": N_("nothing")}
+PROBLEMS = {
+    "time_limit": N_("time limit"),
+    "memory_limit": N_("memory limit"),
+    "process_limit": N_("process limit"),
+    "file_limit": N_("file limit"),
+    "disk_limit": N_("disk limit"),
+    "output_limit": N_("output limit"),
+    "forbidden": N_("forbidden"),
+    "crashed": N_("crashed"),
+    "no_image": N_("no image"),
+    "bad_image": N_("bad image"),
+    "build_failed": N_("build failed"),
+    "manifest": N_("manifest"),
+    "archive": N_("archive"),
+    "link": N_("link"),
+    "unreadable": N_("unreadable"),
+    "too_large": N_("too large"),
+    "internal": N_("internal"),
+    "killed_worker": N_("killed worker"),
+}
+"""Codes of why nothing could be judged"""
 STATE_ALONE = {
-    "cannot tell": "What was handed in cannot show it, which costs nothing.",
-    "missing": "Nothing was handed in that could show it.",
+    "cannot tell": N_("What was handed in cannot show it, which costs nothing."),
+    "missing": N_("Nothing was handed in that could show it."),
 }
 """What a state says of itself, where nothing more is to be told"""
 MOST_MISTAKES, MOST_PICTURES, MOST_CLAIMS = 8, 3, 8
@@ -65,7 +91,7 @@ def write_class(out: Path, grades: dict[str, Any], course: str = "") -> None:
         "rubric": seen(grades["rubric"]),
         "scene": legible(grades["scene"]),
     }
-    script = asset("class_page.js")
+    script = spoken(asset("class_page.js")) + asset("class_page.js")
     templates = environment()
     of_sheets = templates.get_template("class_sheet.html.j2")
     page = templates.get_template("class_page.html.j2")
@@ -200,7 +226,7 @@ def _paragraphs(text: str) -> list[list[dict[str, Any]]]:
 def _claim(claim: dict[str, Any], told: bool, headline: str) -> dict[str, Any]:
     """told: whether its reason may be; one that only says the headline again is not."""
     state = claim["state"]
-    why = claim["why"] if told else STATE_ALONE.get(state, "")
+    why = claim["why"] if told else _(STATE_ALONE.get(state, ""))
     return {
         "title": claim["title"],
         "state": state,
@@ -299,7 +325,7 @@ def _row(
         "gravity": list(VERDICTS).index(verdict),
         "mistakes": named,
         "problem": problem["text"],
-        "code": problem["code"].replace("_", " "),
+        "code": _(PROBLEMS.get(problem["code"], problem["code"])),
         "printed": _printed(submission),
         "pictures": pictures,
         "folded": len(pictures) - MOST_PICTURES,
@@ -307,11 +333,14 @@ def _row(
         "of": clean["of"],
         "claims": [_claim(by_claim[claim], True, clean["headline"]) for claim in claims],
         "undecided": submission["for_instructor"],
-        "kind": clean["kind"],
+        "kind": _(KINDS[clean["kind"]]),
         "headline": clean["headline"],
         "confidence": _confidence(clean),
         "facts": clean["facts"],
-        "scenes": [f"{other['scene']}: {other['verdict']}" for other in clean["other_scenes"]],
+        "scenes": [
+            say("{scene}: {verdict}", scene=other["scene"], verdict=_(other["verdict"]))
+            for other in clean["other_scenes"]
+        ],
         "same": clean["same_as"],
         "perhaps": [_titles([name]) for name in clean["perhaps"]],
         "alike": [_titles(names) for names in clean["alike"]],
@@ -337,15 +366,15 @@ def _confidence(submission: dict[str, Any]) -> str:
     if _verdict(submission) not in (RIGHT_, WRONG):
         return ""
     share = submission["confidence"]
-    return "above 99.9 %" if share > 0.999 else f"{100 * share:.1f} %"
+    return _("above 99.9 %") if share > 0.999 else say("{share:.1f} %", share=100 * share)
 
 
 def _title(name: str, title: str) -> str:
-    return "not in the catalogue" if name == UNKNOWN else title
+    return _("not in the catalogue") if name == UNKNOWN else title
 
 
 def _titles(names: Sequence[str]) -> str:
     """Of mistakes that the evidence names; those of another version's catalogue by their names."""
     known = catalogue().mistakes
-    titles = [known[n].title if n in known else n.replace("_", " ") for n in names]
-    return " + ".join(titles) or "no mistake"
+    titles = [title(n) if n in known else n.replace("_", " ") for n in names]
+    return " + ".join(titles) or _("no mistake")

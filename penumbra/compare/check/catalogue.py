@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from penumbra.compare.run.provenance import ROOT
+from penumbra.language import _
 
 FILE = ROOT / "c_renderer" / "mistakes" / "catalogue.def"
 MODULES = ("domain", "visibility", "weight", "scale", "lights", "average", "clamp", "output",
@@ -24,6 +25,8 @@ MODULES = ("domain", "visibility", "weight", "scale", "lights", "average", "clam
 """In the order of C's enum Module"""
 STUDENTS = 27
 """Public repositories of the lab that were built, rendered and read to count mistakes"""
+TEXTS = ("title", "cause", "wrong", "right", "step", "look")
+"""Fields of a Mistake that are translated"""
 RIGHT = "std"
 SPLIT = "SPLIT"
 _ENTRY = re.compile(r"^([A-Z]+)\(", re.M)
@@ -35,7 +38,7 @@ _FUNCTIONS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is said of a mistake: its MISTAKE entry, in English."""
+    """What is said of a mistake: its MISTAKE entry, in English until it is spoken()."""
 
     name: str
     title: str
@@ -48,6 +51,11 @@ class Mistake:
     """the question that finds it"""
     seen: int
     """how many of STUDENTS programs had it; 0: none, or not known"""
+
+    def spoken(self) -> Mistake:
+        """Its texts in the language that is spoken."""
+        texts: dict[str, Any] = {field: _(getattr(self, field)) for field in TEXTS}
+        return replace(self, **texts)
 
     @property
     def anchor(self) -> str:

@@ -26,6 +26,7 @@ from penumbra.compare.check.view import View, lead_of
 from penumbra.compare.measure.image import ImageError
 from penumbra.compare.run.provenance import origin
 from penumbra.compare.scene import Scene, read_scene
+from penumbra.language import say
 
 KEPT_VIEWS = 24
 Fitted = Sequence[tuple[Grid, int]]
@@ -66,10 +67,18 @@ class Checker:
         if scene_file not in self._scenes:
             scene = read_scene(scene_file)
             if not surface_lights(scene):
-                raise CheckError(f"{scene_file}: has no area light: there is nothing to sample")
+                raise CheckError(
+                    say(
+                        "{scene_file}: has no area light: there is nothing to sample",
+                        scene_file=scene_file,
+                    )
+                )
             if scene.point_lights:
                 raise CheckError(
-                    f"{scene_file}: has a point light: only area lights can be checked"
+                    say(
+                        "{scene_file}: has a point light: only area lights can be checked",
+                        scene_file=scene_file,
+                    )
                 )
             self._scenes[scene_file] = scene
         return self._scenes[scene_file]
@@ -125,9 +134,10 @@ def too_small(view: View) -> str:
     """Why its picture tells nothing; "" if it may."""
     if len(view.count) >= FEWEST_CELLS:
         return ""
-    return (
-        f"{view.picture.name}: too small to tell anything: fewer than {FEWEST_CELLS} cells of 8x8 "
-        "pixels"
+    return say(
+        "{name}: too small to tell anything: fewer than {fewest_cells} cells of 8x8 pixels",
+        name=view.picture.name,
+        fewest_cells=FEWEST_CELLS,
     )
 
 
@@ -152,8 +162,11 @@ def check(
         n, m = light_samples or n, pixel_samples or m or 1
         if n is None:
             raise CheckError(
-                f"{file}: its name does not say how many light samples it has: "
-                "give --light-samples N"
+                say(
+                    "{file}: its name does not say how many light samples it has: give "
+                    "--light-samples N",
+                    file=file,
+                )
             )
         pictures.append(read_picture(file, scene, n, m))
     views, fitted = checker.look(pictures, scene_file)

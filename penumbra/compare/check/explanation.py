@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from penumbra.compare.check.catalogue import Mistake, catalogue
 from penumbra.compare.check.verdict import CANNOT_TELL, RIGHT_, UNKNOWN, WRONG, Verdict
 from penumbra.compare.check.words import WORDS
+from penumbra.language import _, localised, say
 
 NO_EFFECT = "n_no_effect"
 """The commonest mistake, which only noise shows"""
 
 
 def explained(name: str) -> Mistake:
-    return catalogue().mistakes[name]
+    """In the language that is spoken."""
+    return catalogue().mistakes[name].spoken()
 
 
 def title(name: str) -> str:
     """What a mistake is called to a student."""
-    return explained(name).title if name != UNKNOWN else UNKNOWN
+    return explained(name).title if name != UNKNOWN else _("unknown")
 
 
 def titles(names: Sequence[str]) -> str:
-    return " + ".join(title(name) for name in names) or "no mistake"
+    return " + ".join(title(name) for name in names) or _("no mistake")
 
 
 def exhibits(names: Sequence[str], course: str = "") -> dict[str, str]:
@@ -39,31 +41,28 @@ def observations(found: Verdict) -> list[str]:
     for region in found.regions:
         if region.kind == "shadow":
             if region.ratio > 1.5 / 255:
-                text = WORDS["region_not_black"].format(
-                    region=region.name, value=255 * region.ratio
-                )
+                text = say(WORDS["region_not_black"], region=region.name, value=255 * region.ratio)
                 said.append((region.ratio * 10, text))
             continue
         off = abs(region.ratio - 1)
         if off > max(4 * region.standard_error, 0.006):
             key = "region_bright" if region.ratio > 1 else "region_dark"
-            text = WORDS[key].format(region=region.name, ratio=region.ratio)
+            text = say(WORDS[key], region=region.name, ratio=region.ratio)
             if abs(region.trend) > 0.1 and off > 0.03:
                 grows = (region.trend > 0) == (region.ratio > 1)
-                text += WORDS["farther_more" if grows else "farther_less"]
+                text += _(WORDS["farther_more" if grows else "farther_less"])
             said.append((off, text))
     if found.beside > 0.05:
-        said.append((2.0, WORDS["free_light"].format(outside=found.beside)))
+        said.append((2.0, say(WORDS["free_light"], outside=found.beside)))
     n, effective = found.nb_light_samples, found.effective_samples
     if effective < 0.7 * n and n > 1:
-        said.append((1.0, WORDS["noise_of"].format(n=n, effective=max(effective, 1))))
+        said.append((1.0, say(WORDS["noise_of"], n=n, effective=max(effective, 1))))
     return [text for _, text in sorted(said, key=lambda s: -s[0])[:4]]
 
 
 def confidence(found: Verdict) -> str:
     share = found.confidence
-    shown = "above 99.9%" if share > 0.999 else f"{share:.1%}"
-    return WORDS["confidence"].format(confidence=shown)
+    return _(WORDS["sure"]) if share > 0.999 else say(WORDS["confidence"], share=share)
 
 
 def rounded_odds(odds: float) -> str:
@@ -86,29 +85,34 @@ def text(found: Verdict, hint: int = 3, course: str = "") -> str:
     if found.verdict == WRONG:
         if hint == 1:
             what = "hint_noise" if noise_only(found) else "hint_mean"
-            lines += ["", WORDS["hint"].format(where=WORDS[what])]
+            lines += ["", say(WORDS["hint"], where=_(WORDS[what]))]
             lines += [f"  {step}" for step in dict.fromkeys(
                 explained(name).step for name in found.mistakes if name != UNKNOWN)]  # fmt: skip
         else:
             lines += _explanation(found, hint, seen, course)
     elif seen and found.verdict == CANNOT_TELL and "geometry" not in dict(found.facts):
-        lines += ["", WORDS["observed"], *(f"  {line}" for line in seen)]
+        lines += ["", _(WORDS["observed"]), *(f"  {line}" for line in seen)]
     if found.facts:
-        lines += ["", WORDS["picture"], *(f"  {said}" for _, said in found.facts)]
+        lines += ["", _(WORDS["picture"]), *(f"  {said}" for _, said in found.facts)]
     if found.verdict == RIGHT_:
         lines += ["", detection(found)]
         if found.hidden and hint >= 2:
-            lines.append(WORDS["hidden"].format(mistakes="; ".join(title(n) for n in found.hidden)))
+            lines.append(say(WORDS["hidden"], mistakes=listed(map(title, found.hidden))))
     if found.settle and found.verdict != WRONG:
         key = "more" if found.verdict == RIGHT_ else "settle"
-        lines += ["", WORDS[key].format(what="; or ".join(found.settle))]
+        lines += ["", say(WORDS[key], what=_("; or ").join(found.settle))]
     return "\n".join(lines) + "\n"
 
 
 def headline(found: Verdict) -> str:
     """The verdict in a sentence"""
     mute = found.verdict == RIGHT_ and NO_EFFECT in found.hidden
-    return WORDS["right in brightness" if mute else found.verdict]
+    return _(WORDS["right in brightness" if mute else found.verdict])
+
+
+def listed(texts: Iterable[str]) -> str:
+    """Texts that have commas of their own."""
+    return _("; ").join(texts)
 
 
 def noise_only(found: Verdict) -> bool:
@@ -116,10 +120,11 @@ def noise_only(found: Verdict) -> bool:
 
 
 def detection(found: Verdict) -> str:
-    brightness = f"{100 * found.detectable_brightness:.2g}%"
+    brightness = localised(f"{100 * found.detectable_brightness:.2g}%")
     if found.nb_light_samples == 1 or found.detectable_samples < 1:
-        return WORDS["detectable_mean"].format(brightness=brightness)
-    return WORDS["detectable"].format(
+        return say(WORDS["detectable_mean"], brightness=brightness)
+    return say(
+        WORDS["detectable"],
         brightness=brightness,
         samples=math.ceil(found.detectable_samples),
         n=found.nb_light_samples,
@@ -129,41 +134,44 @@ def detection(found: Verdict) -> str:
 def unknown(found: Verdict) -> str:
     """What is said of what the catalogue does not hold."""
     where = "unknown" if found.loose >= 0.005 else "unknown_places"
-    return WORDS[where].format(loose=found.loose)
+    return say(WORDS[where], loose=found.loose)
 
 
 def _explanation(found: Verdict, hint: int, seen: list[str], course: str) -> list[str]:
     shown = exhibits(found.mistakes, course) if course else {}
-    lines = ["", WORDS["observed"], *(f"  {line}" for line in seen)] if seen else []
-    lines += ["", WORDS["several" if found.several else "cause"]]
+    lines = ["", _(WORDS["observed"]), *(f"  {line}" for line in seen)] if seen else []
+    lines += ["", _(WORDS["several" if found.several else "cause"])]
     for name in found.mistakes:
         if name == UNKNOWN:
             lines.append("  " + unknown(found))
             if found.perhaps and not found.several:
-                lines.append("  " + WORDS["nearest"].format(title=titles(found.perhaps)))
+                lines.append("  " + say(WORDS["nearest"], title=titles(found.perhaps)))
             continue
         mistake = explained(name)
         lines += [f"  {mistake.title}", f"    {mistake.cause}"]
         if hint >= 3:
+            labels = [_(WORDS["yours"]), _(WORDS["ours"])]
+            wide = max(map(len, labels)) + 1
+            formulas = mistake.wrong, mistake.right
             lines += [
-                f"    {WORDS['yours']} {mistake.wrong}",
-                f"    {WORDS['ours']} {mistake.right}",
+                f"    {label:{wide}}{formula}"
+                for label, formula in zip(labels, formulas, strict=True)
             ]
-        lines.append(f"    {WORDS['reread'].format(step=mistake.step)}")
+        lines.append(f"    {say(WORDS['reread'], step=mistake.step)}")
         if hint >= 3:
-            lines.append(f"    {WORDS['look'].format(look=mistake.look)}")
+            lines.append(f"    {say(WORDS['look'], look=mistake.look)}")
         if name in shown:
-            lines.append(f"    {WORDS['exhibit'].format(address=shown[name])}")
+            lines.append(f"    {say(WORDS['exhibit'], address=shown[name])}")
     if found.perhaps and UNKNOWN not in found.mistakes:
-        lines += ["", f"{WORDS['perhaps']} {titles(found.perhaps)}"]
+        lines += ["", f"{_(WORDS['perhaps'])} {titles(found.perhaps)}"]
     if hint >= 3:
         if found.alike:
-            lines += ["", WORDS["alike"].format(titles="; ".join(titles(a) for a in found.alike))]
+            lines += ["", say(WORDS["alike"], titles=listed(map(titles, found.alike)))]
         if found.runners_up and UNKNOWN not in found.mistakes:
-            lines += ["", WORDS["runners"]]
+            lines += ["", _(WORDS["runners"])]
             lines += [
-                "  " + WORDS["odds"].format(odds=rounded_odds(odds), titles=titles(names))
+                "  " + say(WORDS["odds"], odds=rounded_odds(odds), titles=titles(names))
                 for names, odds in found.runners_up
             ]
-        lines += ["", WORDS["command"].format(command=found.command)]
+        lines += ["", say(WORDS["command"], command=found.command)]
     return lines

@@ -11,6 +11,7 @@ from scipy import ndimage
 from penumbra.compare.check.picture import Picture
 from penumbra.compare.exact.receivers import BACKGROUND, Receivers, camera_hits
 from penumbra.compare.scene import Scene
+from penumbra.language import N_, _, say
 
 CUTS = (5e4, 1e4, 2500.0, 1000.0, 500.0, 300.0, 200.0, 150.0, 120.0, 100.0, 90.0, 75.0, 50.0)
 """Where programs end their camera rays [m]."""
@@ -75,37 +76,52 @@ class Grid:
         said = []
         fov = scene.camera.fov_y_deg
         if self.position < 0.25:
-            text = "your rays go through the corner of each pixel, not its centre"
+            text = _("your rays go through the corner of each pixel, not its centre")
             said.append(("pixel_corner", text))
         if self.divisor:
-            text = "your pixel coordinates are divided by W - 1 and H - 1, not W and H"
+            text = _("your pixel coordinates are divided by W - 1 and H - 1, not W and H")
             said.append(("divided_by_w_minus_1", text))
         if self.jittered:
-            said.append(("jittered", "your rays go through a random place of each pixel"))
+            said.append(("jittered", _("your rays go through a random place of each pixel")))
         if self.cut != scene.ray_max_distance:
-            where = f"at about {self.cut:g} m" if self.cut < 1000 else "at 1 km or farther"
-            text = f"your camera rays end {where}, the scene's at {scene.ray_max_distance:g} m"
+            end = (
+                N_("your camera rays end at about {cut:g} m, the scene's at {stated:g} m")
+                if self.cut < 1000
+                else N_("your camera rays end at 1 km or farther, the scene's at {stated:g} m")
+            )
+            text = say(end, cut=self.cut, stated=scene.ray_max_distance)
             said.append(("ray_cut", text))
         if self.shift_x or self.shift_y:
-            text = f"your picture is shifted by ({self.shift_x:g}, {self.shift_y:g}) pixels"
+            text = say(
+                "your picture is shifted by ({x:g}, {y:g}) pixels",
+                x=self.shift_x,
+                y=self.shift_y,
+            )
             said.append(("shift", text))
         if self.fov_y_deg != fov:
-            text = (
-                f"your camera's field of view is {self.fov_y_deg:.1f} degrees, the scene's is "
-                f"{fov:g}"
+            text = say(
+                "your camera's field of view is {fov:.1f} degrees, the scene's is {stated:g}",
+                fov=self.fov_y_deg,
+                stated=fov,
             )
             said.append(("fov", text))
         if self.moved:
-            way = "forward" if self.moved > 0 else "back"
-            text = f"your camera is {abs(self.moved):g} m further {way} than the scene's"
+            said_so = (
+                N_("your camera is {moved:g} m further forward than the scene's")
+                if self.moved > 0
+                else N_("your camera is {moved:g} m further back than the scene's")
+            )
+            text = say(said_so, moved=abs(self.moved))
             said.append(("camera_moved", text))
         if self.aspect != 1:
-            text = f"your picture is stretched horizontally, by {self.aspect:.2f}"
+            text = say(
+                "your picture is stretched horizontally, by {aspect:.2f}", aspect=self.aspect
+            )
             said.append(("aspect", text))
         if self.flip_x:
-            said.append(("flip_x", "your picture is mirrored, left for right"))
+            said.append(("flip_x", _("your picture is mirrored, left for right")))
         if self.flip_y:
-            said.append(("flip_y", "your picture is upside down"))
+            said.append(("flip_y", _("your picture is upside down")))
         return said
 
 

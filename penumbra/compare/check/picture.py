@@ -13,6 +13,7 @@ from scipy import ndimage
 from penumbra.compare.exact.receivers import BACKGROUND, camera_hits
 from penumbra.compare.measure.image import MAX_SIDE, UNREADABLE, ImageError, read_image, read_levels
 from penumbra.compare.scene import Scene
+from penumbra.language import N_, _, numbers, say
 
 LUMA = np.array([0.299, 0.587, 0.114])
 """JPEG's brightness of red, green and blue"""
@@ -39,6 +40,8 @@ GAMMAS: dict[str, tuple[Curve, Curve]] = {
     "square root": (np.sqrt, np.square),
     "gamma twice": (lambda v: v ** (1 / 2.2**2), lambda e: e ** (2.2**2)),
 }
+NAMES = N_("gamma 2.2"), N_("sRGB"), N_("square root"), N_("gamma twice")
+"""Of GAMMAS, as they are said"""
 """Name of a curve between linear values and what is stored, in [0, 1]: there, and back."""
 
 
@@ -81,8 +84,16 @@ def read_picture(
     height, width = levels.shape[:2]
     if height * width > MOST_PIXELS:
         raise ImageError(
-            f"{path}: {width} x {height} pixels, more than {MOST_PIXELS}: render it smaller, "
-            f"{scene.width} x {scene.height} say"
+            say(
+                "{path}: {width} x {height} pixels, more than {most_pixels}: render it smaller, "
+                "{own_width} x {own_height} say",
+                path=path,
+                width=width,
+                height=height,
+                most_pixels=MOST_PIXELS,
+                own_width=scene.width,
+                own_height=scene.height,
+            )
         )
     colour, law, facts = _background(levels, top, jpeg, scene)
     tolerance = {"": 0.0, "fine": 3.0, "coarse": 12.0}[jpeg] if top else 0.1
@@ -163,22 +174,37 @@ def _numbers(path: Path) -> tuple[np.ndarray, int, str, float]:
 
 def _read_npy(path: Path) -> np.ndarray:
     if not path.is_file():
-        raise ImageError(f"{path}: no such file")
+        raise ImageError(say("{path}: no such file", path=path))
     try:  # mapped, so that a header's claim costs no memory
         stored = np.load(path, mmap_mode="r", allow_pickle=False)
         shape, kind = stored.shape, stored.dtype
         if len(shape) != 3 or shape[2] != 3 or not (kind == np.uint8 or kind.kind == "f"):
-            raise ImageError(f"{path}: {kind} of shape {shape}, not (H, W, 3) floats or bytes")
+            raise ImageError(
+                say(
+                    "{path}: {kind} of shape {shape}, not (H, W, 3) floats or bytes",
+                    path=path,
+                    kind=kind,
+                    shape=shape,
+                )
+            )
         if not all(1 <= side <= MAX_SIDE for side in shape[:2]):
-            raise ImageError(f"{path}: {shape[1]} x {shape[0]} pixels, not 1 to {MAX_SIDE} a side")
+            raise ImageError(
+                say(
+                    "{path}: {width} x {height} pixels, not 1 to {max_side} a side",
+                    path=path,
+                    width=shape[1],
+                    height=shape[0],
+                    max_side=MAX_SIDE,
+                )
+            )
         values = np.array(stored)
     except ImageError:
         raise
     except (*UNREADABLE, EOFError, AttributeError) as error:
-        raise ImageError(f"{path}: cannot be read: {error}") from error
+        raise ImageError(say("{path}: cannot be read: {error}", path=path, error=error)) from error
     bad = np.count_nonzero(~np.isfinite(values).all(axis=-1))
     if bad:
-        raise ImageError(f"{path}: {bad} pixels are NaN or infinite")
+        raise ImageError(say("{path}: {bad} pixels are NaN or infinite", path=path, bad=bad))
     return values
 
 
@@ -240,7 +266,10 @@ def _background(
         facts = ()
         curve = law.partition(",")[0]
         if curve in GAMMAS:
-            said = f"your picture went through a curve ({curve}); the lab saves linear values"
+            said = say(
+                "your picture went through a curve ({curve}); the lab saves linear values",
+                curve=_(curve),
+            )
             both = {
                 name for name, level in laws
                 if name.startswith(curve) and np.abs(best[3] - level).max() <= near
@@ -256,11 +285,13 @@ def _background(
     colour = colours[0]
     share = np.mean(np.abs(levels[sky] - colour).max(axis=-1) <= max(near, 0.3))
     if share < 0.4:
-        said = "your picture shows no background where the scene has it"
+        said = _("your picture shows no background where the scene has it")
         return None, "truncated", (("background", said),)
-    mine = ", ".join(f"{v / 255 if top < 256 else v / top:.2f}" for v in colour)
-    want = ", ".join(f"{v:g}" for v in radiance)
-    said = f"your picture's background is ({mine}), the scene's is ({want})"
+    mine = numbers(colour, 255 if top < 256 else top, ".2f")
+    want = numbers(radiance, 1, "g")
+    said = say(
+        "your picture's background is ({mine}), the scene's is ({want})", mine=mine, want=want
+    )
     return colour, "truncated", (("background", said),)
 
 

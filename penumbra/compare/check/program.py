@@ -28,6 +28,7 @@ from penumbra.compare.check.diagnosis import (
     Search,
     keys_of,
 )
+from penumbra.compare.check.explanation import titles
 from penumbra.compare.check.grid import Grid, fit_grid
 from penumbra.compare.check.picture import Picture, read_picture
 from penumbra.compare.check.view import View
@@ -35,6 +36,7 @@ from penumbra.compare.measure.image import ImageError
 from penumbra.compare.run.provenance import ROOT, cores
 from penumbra.compare.run.renderers import TIMEOUT, CommandRenderer, Job, RendererError
 from penumbra.compare.scene import Scene, read_scene
+from penumbra.language import _, say
 
 FIRST = "tp3"
 SCENES = (FIRST, "check_low", "check_two_lights", "check_split", "check_scaled")
@@ -78,8 +80,17 @@ class Experiment:
     """None: as many as the program likes"""
 
     def __str__(self) -> str:
-        m = f", {self.samples_per_pixel} pixel samples" if self.samples_per_pixel > 1 else ""
-        return f"{self.scene_file.stem}, {self.nb_light_samples} light samples{m}"
+        m = (
+            say(", {count} pixel samples", count=self.samples_per_pixel)
+            if self.samples_per_pixel > 1
+            else ""
+        )
+        return say(
+            "{scene}, {count} light samples{m}",
+            scene=self.scene_file.stem,
+            count=self.nb_light_samples,
+            m=m,
+        )
 
 
 class Subject(Protocol):
@@ -124,7 +135,9 @@ def times_as_fast(threads: int, ratio: float) -> str:
     >>> times_as_fast(4, 3.6)
     '4 threads are 3.6 times as fast as one'
     """
-    return f"{threads} threads are {ratio:.2g} times as fast as one"
+    return say(
+        "{threads} threads are {ratio:.2g} times as fast as one", threads=threads, ratio=ratio
+    )
 
 
 @dataclass(frozen=True)
@@ -211,7 +224,9 @@ class _Program:
         try:
             picture = read_picture(out, scene, job.light_samples, job.pixel_samples)
         except ImageError as error:
-            raise self.subject.refused(job, out, f"wrote no good image: {error}") from error
+            raise self.subject.refused(
+                job, out, say("wrote no good image: {error}", error=error)
+            ) from error
         finally:
             out.unlink(missing_ok=True)
         self.seconds += seconds
@@ -306,7 +321,7 @@ class _Examination:
     def run(self, budget: float) -> Examined:
         stage = self.stages[0]
         first = Experiment(stage.file, *COUNTS[0], threads=self.threads)
-        picture = self.take(stage, first, "to begin with")
+        picture = self.take(stage, first, _("to begin with"))
         for other in self.stages[1:]:
             own_cut = stage.grid.cut == stage.scene.ray_max_distance
             cut = other.scene.ray_max_distance if own_cut else stage.grid.cut
@@ -323,7 +338,9 @@ class _Examination:
             try:
                 self.take(stage, experiment, why)
             except RendererError as error:
-                self.facts[f"fails_{stage.scene.name}"] = f"it fails on {experiment}: {error}"
+                self.facts[f"fails_{stage.scene.name}"] = say(
+                    "it fails on {experiment}: {error}", experiment=experiment, error=error
+                )
                 candidates = [c for c in candidates if c[0] is not stage]
                 continue
             self.search.coarse()
@@ -352,7 +369,11 @@ class _Examination:
         picture, seconds = self.program.picture(experiment, stage.scene)
         height, width = picture.values.shape[:2]
         if (width, height) != (stage.scene.width, stage.scene.height):
-            said = f"your pictures are {width} x {height}, not as large as the scene says"
+            said = say(
+                "your pictures are {width} x {height}, not as large as the scene says",
+                width=width,
+                height=height,
+            )
             self.facts.setdefault("size", said)
         grid, miss = stage.grid, stage.miss
         if not stage.seen or experiment.samples_per_pixel > 1:
@@ -364,8 +385,14 @@ class _Examination:
             raise self.program.subject.refused(
                 _job(experiment, stage.scene),
                 Path(picture.name),
-                f"its picture of {stage.scene.name}, {width} x {height}, is too small to tell "
-                f"anything: fewer than {FEWEST_CELLS} cells of 8x8 pixels",
+                say(
+                    "its picture of {name}, {width} x {height}, is too small to tell anything: "
+                    "fewer than {fewest_cells} cells of 8x8 pixels",
+                    name=stage.scene.name,
+                    width=width,
+                    height=height,
+                    fewest_cells=FEWEST_CELLS,
+                ),
             )
         self.trials.append(Trial(experiment, why, seconds, view, miss))
         self.search.add([view])
@@ -374,16 +401,18 @@ class _Examination:
     def seeds_and_threads(self, stage: _Stage, first: Picture) -> None:
         """What a seed and threads do to the first picture, rendered again."""
         experiment, several = self.trials[0].experiment, self.trials[0].seconds
-        self.progress(experiment, "again, with another seed, and on one thread")
+        self.progress(experiment, _("again, with another seed, and on one thread"))
         again, seconds = self.program.picture(experiment, stage.scene)
-        other, _ = self.program.picture(replace(experiment, seed=2), stage.scene)
+        other, _seconds = self.program.picture(replace(experiment, seed=2), stage.scene)
         repeats = np.array_equal(first.values, again.values)
         if not repeats:
-            self.facts["seed_not_repeated"] = "the same seed gives another picture each time"
+            self.facts["seed_not_repeated"] = _("the same seed gives another picture each time")
         elif np.array_equal(first.values, other.values):
-            self.facts["seed_no_effect"] = "the seed has no effect: two seeds give one picture"
+            self.facts["seed_no_effect"] = _("the seed has no effect: two seeds give one picture")
         else:
-            self.facts["seed_repeats"] = "the same seed gives the same picture, another one another"
+            self.facts["seed_repeats"] = _(
+                "the same seed gives the same picture, another one another"
+            )
         if cores() == 1 and self.threads is None:
             return
         one, alone = self.program.picture(replace(experiment, threads=1), stage.scene)
@@ -433,7 +462,11 @@ class _Examination:
             value = sum(gains) / self.cost(stage, experiment)
             if value > most:
                 most, rival = value, rivals[int(np.argmax(gains))][0]
-                found = stage, experiment, f"may tell {_named(best)} from {_named(rival)}"
+                found = (
+                    stage,
+                    experiment,
+                    say("may tell {best} from {rival}", best=_named(best), rival=_named(rival)),
+                )
         return found
 
     def unseen(
@@ -442,7 +475,7 @@ class _Examination:
         """A scene that was not yet rendered: what is in no catalogue may show there."""
         for stage, experiment in candidates:
             if not stage.seen:
-                return stage, experiment, "a scene not yet seen"
+                return stage, experiment, _("a scene not yet seen")
         return None
 
     def tellable(self, variant: Variant, candidates: list[tuple[_Stage, Experiment]]) -> bool:
@@ -487,13 +520,15 @@ def _race(one: np.ndarray, several: np.ndarray) -> dict[str, str]:
     grain = [float(np.diff(picture, axis=1).std()) for picture in (one, several)]
     noisier = grain[1] / grain[0] if grain[0] > 0 else 1.0
     if difference.mean() > max(RACE * error, DARKER * one.mean()) or noisier > NOISIER:
-        said = (
-            f"with several threads your picture is {darker:.2f} times as bright as with one, and "
-            f"its grain {noisier:.2f} times: threads write to one variable (a data race)"
+        said = say(
+            "with several threads your picture is {darker:.2f} times as bright as with one, and "
+            "its grain {noisier:.2f} times: threads write to one variable (a data race)",
+            darker=darker,
+            noisier=noisier,
         )
         return {"race": said}
-    return {"threads_differ": "another number of threads gives other noise, and no other light"}
+    return {"threads_differ": _("another number of threads gives other noise, and no other light")}
 
 
 def _named(variant: Variant) -> str:
-    return " + ".join(variant.mistakes).replace("_", " ") or "what is right"
+    return titles(variant.mistakes) if variant.mistakes else _("what is right")

@@ -23,9 +23,10 @@ from penumbra.compare.check.diagnosis import (
 from penumbra.compare.check.grid import Grid
 from penumbra.compare.check.prediction import surface_lights
 from penumbra.compare.check.view import NU, View, lead_of
-from penumbra.compare.check.words import WORDS
+from penumbra.compare.check.words import WORDS, with_object
 from penumbra.compare.run.provenance import typed
 from penumbra.compare.scene import Plane, Sphere
+from penumbra.language import _, numbers, say
 
 RIGHT_, WRONG, CANNOT_TELL = "right", "wrong", "cannot tell"
 UNKNOWN = "unknown"
@@ -297,7 +298,7 @@ def detectable(view: View, variant: Variant) -> tuple[float, float]:
     def smallest(function: Any, low: float, high: float) -> float:
         if function(high) < wanted:
             return high
-        for _ in range(40):
+        for _step in range(40):
             middle = math.sqrt(low * high)
             low, high = (low, middle) if function(middle) > wanted else (middle, high)
         return high
@@ -329,7 +330,7 @@ def _regions(view: View, right: Variant) -> list[Region]:
                 use = use & (law.mean > 0.02) & (law.mean < 0.93)
             if use.sum() < FEW:
                 continue
-            name = WORDS[f"region_{kind}"].format(object=thing.name)
+            name = with_object(f"region_{kind}", thing.name)
             x, mean = view.value[use], law.mean[use]
             variance = law.variance[use] + view.picture.quantisation_variance
             if kind == "shadow":
@@ -418,20 +419,20 @@ def _facts(
         for code, text in (*grid.facts(view.scene), *view.picture.facts):
             facts.setdefault(code, text)
         if strange:
-            facts.setdefault("geometry", WORDS["geometry"].format(miss=miss))
+            facts.setdefault("geometry", say(WORDS["geometry"], miss=miss))
         for thing in view.scene.objects:
             if thing.name in view.recoloured:
                 colour, stated = (
-                    ", ".join(f"{c / max(max(rgb), 1e-9):.2g}" for c in rgb)
+                    numbers(rgb, max(max(rgb), 1e-9))
                     for rgb in (view.recoloured[thing.name], thing.brdf)
                 )
-                said = WORDS["colours"].format(object=thing.name, colour=colour, stated=stated)
+                said = with_object("colours", thing.name, colour=colour, stated=stated)
                 facts.setdefault(f"colours {thing.name}", said)
         if view.picture.jpeg:
-            facts.setdefault("jpeg", WORDS["jpeg"])
+            facts.setdefault("jpeg", _(WORDS["jpeg"]))
     again = [share for share in diagnosis.shares if share < 0.75]
     if again:
-        facts["once"] = WORDS["once"].format(count=len(again))
+        facts["once"] = say(WORDS["once"], count=len(again))
     shown = diagnosis.right.variant if word == RIGHT_ else diagnosis.best.variant
     if shown.factor != 1 and word != CANNOT_TELL:
         lights = [light for light in lead.scene.lights if hasattr(light, "radiance")]
@@ -440,17 +441,17 @@ def _facts(
             power = own * shown.factor
             close = float(f"{power:.2g}")
             power = close if abs(power / close - 1) < 0.006 else power
-            facts["power"] = WORDS["power"].format(power=power, stated=own)
+            facts["power"] = say(WORDS["power"], power=power, stated=own)
         else:
-            facts["power"] = WORDS["power_several"].format(factor=shown.factor)
+            facts["power"] = say(WORDS["power_several"], factor=shown.factor)
     if word == RIGHT_:
         n = lead.picture.nb_light_samples
         times = effective_samples(lead, diagnosis) / n
         if times > 1.5:
-            facts["better_sampler"] = WORDS["better_sampler"].format(times=times)
+            facts["better_sampler"] = say(WORDS["better_sampler"], times=times)
     clipped = (lead.value >= 1).mean()
     if clipped > 0.05:
-        facts["saturated"] = WORDS["saturated"].format(share=clipped)
+        facts["saturated"] = say(WORDS["saturated"], share=clipped)
     return tuple(facts.items())
 
 
@@ -465,16 +466,16 @@ def _settle(
 ) -> tuple[str, ...]:
     said = []
     if strange:
-        said.append(WORDS["settle_camera"].format(scene=typed(scene_file)))
+        said.append(say(WORDS["settle_camera"], scene=typed(scene_file)))
     if word == CANNOT_TELL and lead.picture.jpeg:
-        said.append(WORDS["settle_png"])
+        said.append(_(WORDS["settle_png"]))
     if word == CANNOT_TELL and brightness > BLIND:
-        said.append(WORDS["settle_size"])
+        said.append(_(WORDS["settle_size"]))
     if max(view.picture.nb_light_samples for view in diagnosis.views) < 16:
-        said.append(WORDS["settle_n"])
+        said.append(_(WORDS["settle_n"]))
     for scene, shows in SHOWN_BY.items():
         if any(name in hidden for name in shows):
-            said.append(WORDS["settle_scene"].format(scene=scene))
+            said.append(say(WORDS["settle_scene"], scene=scene))
     return tuple(said)
 
 

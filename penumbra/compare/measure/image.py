@@ -21,6 +21,7 @@ from PIL.ImageFile import ImageFile as PillowImageFile
 from PIL.JpegImagePlugin import JpegImageFile
 
 from penumbra.compare.run.output import PICTURES, write_whole
+from penumbra.language import _, say
 
 CHANNELS = ("R", "G", "B")
 PIXELS = ("RGB", "RGBA", "L", "P", "CMYK", "YCbCr")
@@ -82,7 +83,7 @@ def read_image(file: str | Path) -> Image:
     """
     path = Path(file)
     if not path.is_file():
-        raise ImageError(f"{path}: no such file")
+        raise ImageError(say("{path}: no such file", path=path))
     suffix = path.suffix.lower()
     try:
         if suffix == ".exr":
@@ -95,11 +96,13 @@ def read_image(file: str | Path) -> Image:
             values, levels, _ = _read_levels(path)
             image = _from_levels(values, levels)
         else:
-            raise ImageError(f"{path}: not an .exr, .pfm, .hdr, .png, .jpg or .bmp file")
+            raise ImageError(
+                say("{path}: not an .exr, .pfm, .hdr, .png, .jpg or .bmp file", path=path)
+            )
     except ImageError:
         raise
     except UNREADABLE as error:
-        raise ImageError(f"{path}: cannot be read: {error}") from error
+        raise ImageError(say("{path}: cannot be read: {error}", path=path, error=error)) from error
     _check(path, image)
     return image
 
@@ -115,7 +118,9 @@ def write_exr(file: str | Path, image: Image) -> None:
     if image.variance is not None:
         channels |= {f"variance.{c}": _plane(image.variance, i) for i, c in enumerate(CHANNELS)}
     if not all(np.isfinite(plane).all() for plane in channels.values()):
-        raise ImageError(f"{path}: not written: values are NaN, infinite or beyond float32")
+        raise ImageError(
+            say("{path}: not written: values are NaN, infinite or beyond float32", path=path)
+        )
     header: dict[str, Any] = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -128,9 +133,17 @@ def write_exr(file: str | Path, image: Image) -> None:
         OpenEXR.File(header, channels).write(stream)
         write_whole(path, lambda part: part.write_bytes(stream.getbuffer()))
     except OSError as error:
-        raise ImageError(f"{error.filename}: cannot be written: {error.strerror}") from error
+        raise ImageError(
+            say(
+                "{filename}: cannot be written: {strerror}",
+                filename=error.filename,
+                strerror=error.strerror,
+            )
+        ) from error
     except RuntimeError as error:
-        raise ImageError(f"{path}: cannot be written: {error}") from error
+        raise ImageError(
+            say("{path}: cannot be written: {error}", path=path, error=error)
+        ) from error
 
 
 def write_display(file: str | Path, radiance: np.ndarray) -> None:
@@ -143,15 +156,21 @@ def write_display(file: str | Path, radiance: np.ndarray) -> None:
     path = Path(file)
     suffix = path.suffix.lower()
     if suffix and suffix not in PICTURES:
-        raise ImageError(f"{path}: a picture's name ends in .png or .jpg")
+        raise ImageError(say("{path}: a picture's name ends in .png or .jpg", path=path))
     if not np.isfinite(radiance).all():
-        raise ImageError(f"{path}: not written: values are NaN or infinite")
+        raise ImageError(say("{path}: not written: values are NaN or infinite", path=path))
     picture = PillowImage.fromarray((np.clip(radiance, 0, 1) * 255).astype(np.uint8))
     kind = "JPEG" if suffix in (".jpg", ".jpeg") else "PNG"
     try:
         write_whole(path, lambda part: picture.save(part, kind, quality=100, subsampling=0))
     except OSError as error:
-        raise ImageError(f"{error.filename}: cannot be written: {error.strerror}") from error
+        raise ImageError(
+            say(
+                "{filename}: cannot be written: {strerror}",
+                filename=error.filename,
+                strerror=error.strerror,
+            )
+        ) from error
 
 
 def _plane(values: np.ndarray, channel: int) -> np.ndarray:
@@ -165,13 +184,23 @@ def _read_exr(path: Path) -> Image:
             with OpenEXR.File(str(path), header_only=True) as exr:
                 images = len(exr.parts)
         except RuntimeError as error:  # which says no more than that it failed
-            reason = f"no EXR header, or over {MAX_SIDE} pixels a side, {MAX_TILE_SIDE} of a tile"
-            raise ImageError(f"{path}: cannot be read: {reason}") from error
+            reason = say(
+                "no EXR header, or over {max_side} pixels a side, {max_tile_side} of a tile",
+                max_side=MAX_SIDE,
+                max_tile_side=MAX_TILE_SIDE,
+            )
+            raise ImageError(
+                say("{path}: cannot be read: {reason}", path=path, reason=reason)
+            ) from error
         if images != 1:
-            raise ImageError(f"{path}: holds {images} images, not one")
+            raise ImageError(
+                say("{path}: holds {images} images, not one", path=path, images=images)
+            )
         with OpenEXR.File(str(path), separate_channels=True) as exr:
             if not exr.parts:  # the library drops what it cannot decode
-                raise ImageError(f"{path}: cannot be read: its pixels are damaged or cut short")
+                raise ImageError(
+                    say("{path}: cannot be read: its pixels are damaged or cut short", path=path)
+                )
             header = dict(exr.header())  # the file empties its own on closing
             channels = {name: channel.pixels for name, channel in exr.channels().items()}
 
@@ -183,7 +212,9 @@ def _read_exr(path: Path) -> Image:
     wanted = [p + c for p in ("", "variance.")[: 1 + has_variance] for c in CHANNELS]
     missing = [name for name in wanted if name not in channels]
     if missing:
-        raise ImageError(f"{path}: has no channel {', '.join(missing)}")
+        raise ImageError(
+            say("{path}: has no channel {missing}", path=path, missing=", ".join(missing))
+        )
     variance = stack("variance.") if has_variance else None
     attributes = {k: v for k, v in header.items() if isinstance(v, str | int | float)}
     return Image(stack(""), variance, attributes)
@@ -226,13 +257,13 @@ def read_levels(file: str | Path) -> tuple[np.ndarray, int, str]:
     """
     path = Path(file)
     if not path.is_file():
-        raise ImageError(f"{path}: no such file")
+        raise ImageError(say("{path}: no such file", path=path))
     try:
         return _read_levels(path)
     except ImageError:
         raise
     except UNREADABLE as error:
-        raise ImageError(f"{path}: cannot be read: {error}") from error
+        raise ImageError(say("{path}: cannot be read: {error}", path=path, error=error)) from error
 
 
 def _read_levels(path: Path) -> tuple[np.ndarray, int, str]:
@@ -243,7 +274,13 @@ def _read_levels(path: Path) -> tuple[np.ndarray, int, str]:
             grey = np.asarray(picture, dtype=np.float64)
             return np.stack([grey] * 3, axis=-1), 65535, ""
         if picture.mode not in PIXELS or ";15" in raw or (raw not in DEEP and ";16" in raw):
-            raise ImageError(f"{path}: {raw or picture.mode} pixels, not 8 or 16 bits a channel")
+            raise ImageError(
+                say(
+                    "{path}: {kind} pixels, not 8 or 16 bits a channel",
+                    path=path,
+                    kind=raw or picture.mode,
+                )
+            )
         jpeg = _jpeg_kind(picture)
         values = np.asarray(picture.convert("RGB"), dtype=np.float64)
     if raw not in DEEP:
@@ -290,20 +327,32 @@ def _read_hdr(path: Path) -> Image:
     lines = [line.strip() for line in header.split(b"\n")]
     sides = re.fullmatch(rb"-Y (\d{1,5}) \+X (\d{1,5})", size)
     if lines[0][:2] != b"#?" or b"FORMAT=32-bit_rle_rgbe" not in lines or not sides:
-        raise ImageError(f"{path}: not a Radiance picture of RGB that starts at its top left")
+        raise ImageError(
+            say("{path}: not a Radiance picture of RGB that starts at its top left", path=path)
+        )
     height, width = int(sides[1]), int(sides[2])
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
-        raise ImageError(f"{path}: {width} x {height} pixels, not 1 to {MAX_SIDE} a side")
+        raise ImageError(
+            say(
+                "{path}: {width} x {height} pixels, not 1 to {max_side} a side",
+                path=path,
+                width=width,
+                height=height,
+                max_side=MAX_SIDE,
+            )
+        )
     exposures = [line[9:] for line in lines if line.startswith(b"EXPOSURE=")]
     exposure = math.prod(map(float, exposures))  # already multiplied in
     if not 1e-30 < exposure < 1e30:
-        raise ImageError(f"{path}: an exposure of {exposure}")
+        raise ImageError(say("{path}: an exposure of {exposure}", path=path, exposure=exposure))
     rows, start = [], 0
     for _ in range(height):
         row, start = _hdr_row(data, start, width)
         rows.append(row)
     if start != len(data):
-        raise ImageError(f"{path}: {len(data) - start} bytes after its last pixel")
+        raise ImageError(
+            say("{path}: {count} bytes after its last pixel", path=path, count=len(data) - start)
+        )
     pixels = np.stack(rows)
     step = np.where(pixels[..., 3] > 0, np.ldexp(1 / exposure, pixels[..., 3].astype(int) - 136), 0)
     return Image((pixels[..., :3] + 0.5) * step[..., None], rounding=step / 2)
@@ -314,10 +363,10 @@ def _hdr_row(data: bytes, start: int, width: int) -> tuple[np.ndarray, int]:
     if not (width >= 8 and data[start : start + 4] == bytes((2, 2, *divmod(width, 256)))):
         end = start + 4 * width
         if end > len(data):
-            raise ValueError("its pixels are damaged or cut short")
+            raise ValueError(_("its pixels are damaged or cut short"))
         pixels = np.frombuffer(data[start:end], np.uint8).reshape(width, 4)
         if (pixels[:, :3] == 1).all(axis=1).any():  # no pixel: its largest byte is above 127
-            raise ValueError("run lengths of the kind that was given up in 1991")
+            raise ValueError(_("run lengths of the kind that was given up in 1991"))
         return pixels, end
     start += 4
     planes = bytearray()
@@ -325,7 +374,7 @@ def _hdr_row(data: bytes, start: int, width: int) -> tuple[np.ndarray, int]:
         while len(planes) < plane * width:
             count = data[start] if start < len(data) else 0
             if count == 0:
-                raise ValueError("its pixels are damaged or cut short")
+                raise ValueError(_("its pixels are damaged or cut short"))
             if count > 128:
                 planes += data[start + 1 : start + 2] * (count - 128)
                 start += 2
@@ -333,7 +382,7 @@ def _hdr_row(data: bytes, start: int, width: int) -> tuple[np.ndarray, int]:
                 planes += data[start + 1 : start + 1 + count]
                 start += 1 + count
         if len(planes) > plane * width:
-            raise ValueError("a row is longer than the picture is wide")
+            raise ValueError(_("a row is longer than the picture is wide"))
     return np.frombuffer(planes, np.uint8).reshape(4, width).T, start
 
 
@@ -344,10 +393,18 @@ def _read_pfm(path: Path) -> np.ndarray:
         scale = float(stream.readline(64))
         data = stream.read()
     if kind != b"PF" or len(size) != 2 or scale == 0 or not np.isfinite(scale):
-        raise ImageError(f"{path}: not a colour PFM file")
+        raise ImageError(say("{path}: not a colour PFM file", path=path))
     width, height = int(size[0]), int(size[1])
     if width < 1 or height < 1 or len(data) != 12 * width * height:
-        raise ImageError(f"{path}: {len(data)} bytes of pixels, not {width} x {height} x 12")
+        raise ImageError(
+            say(
+                "{path}: {count} bytes of pixels, not {width} x {height} x 12",
+                path=path,
+                count=len(data),
+                width=width,
+                height=height,
+            )
+        )
     values = np.frombuffer(data, dtype="<f4" if scale < 0 else ">f4")
     with np.errstate(invalid="ignore"):  # a signalling NaN, which is refused in time
         return values.reshape(height, width, 3)[::-1].astype(np.float64)
@@ -357,8 +414,16 @@ def _check(path: Path, image: Image) -> None:
     bad = ~np.isfinite(image.radiance).all(axis=-1)
     if bad.any():
         y, x = np.argwhere(bad)[0]
-        raise ImageError(f"{path}: {bad.sum()} pixels are NaN or infinite, the first at ({x}, {y})")
+        raise ImageError(
+            say(
+                "{path}: {count} pixels are NaN or infinite, the first at ({x}, {y})",
+                path=path,
+                count=int(bad.sum()),
+                x=x,
+                y=y,
+            )
+        )
     if image.variance is not None and not (
         np.isfinite(image.variance).all() and (image.variance >= 0).all()
     ):
-        raise ImageError(f"{path}: a variance is NaN, infinite or negative")
+        raise ImageError(say("{path}: a variance is NaN, infinite or negative", path=path))

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, Protocol
 
 from penumbra.compare.run.provenance import HOW_TO_BUILD, ROOT, cores, file_hash
+from penumbra.language import _, say
 
 SUFFIXES = (".exr", ".pfm", ".hdr", ".png", ".jpg", ".bmp")
 REQUIRED = ("scene", "light_samples", "seed", "out")
@@ -111,16 +112,30 @@ class CommandRenderer:
         missing = [p for p in REQUIRED if p not in self.placeholders]
         if missing:
             names = ", ".join(f"{{{p}}}" for p in missing)
-            raise RendererError(f"{self.label}: the command has no {names}: {self.command}")
+            raise RendererError(
+                say(
+                    "{label}: the command has no {names}: {command}",
+                    label=self.label,
+                    names=names,
+                    command=self.command,
+                )
+            )
 
     @property
     def words(self) -> tuple[str, ...]:
         try:
             words = tuple(shlex.split(self.command))
         except ValueError as error:
-            raise RendererError(f"{self.label}: {error}: {self.command}") from error
+            raise RendererError(
+                say(
+                    "{label}: {error}: {command}",
+                    label=self.label,
+                    error=error,
+                    command=self.command,
+                )
+            ) from error
         if not words:
-            raise RendererError(f"{self.label}: the command is empty")
+            raise RendererError(say("{label}: the command is empty", label=self.label))
         return words
 
     @property
@@ -128,15 +143,27 @@ class CommandRenderer:
         try:
             fields = [field for word in self.words for field in string.Formatter().parse(word)]
         except ValueError as error:
-            raise RendererError(f"{self.label}: {error}: {self.command}") from error
+            raise RendererError(
+                say(
+                    "{label}: {error}: {command}",
+                    label=self.label,
+                    error=error,
+                    command=self.command,
+                )
+            ) from error
         names = []
-        for _, name, spec, conversion in fields:
+        for _literal, name, spec, conversion in fields:
             if name is None:
                 continue
             if name not in REQUIRED + OPTIONAL or spec or conversion:
                 known = " ".join(f"{{{p}}}" for p in REQUIRED + OPTIONAL)
                 raise RendererError(
-                    f"{self.label}: unknown placeholder {{{name}}}; known ones are {known}"
+                    say(
+                        "{label}: unknown placeholder {{{name}}}; known ones are {known}",
+                        label=self.label,
+                        name=name,
+                        known=known,
+                    )
                 )
             names.append(name)
         return frozenset(names)
@@ -180,25 +207,52 @@ class CommandRenderer:
         except (FileNotFoundError, PermissionError) as error:
             raise self._missing() from error
         except OSError as error:
-            raise RendererError(f"{self.label}: {words[0]}: {error.strerror}") from error
+            raise RendererError(
+                say(
+                    "{label}: {program}: {reason}",
+                    label=self.label,
+                    program=words[0],
+                    reason=error.strerror,
+                )
+            ) from error
         seconds = time.perf_counter() - start
         if ran.code is None:
-            problem = f"gave no image in {self.timeout:g} s"
+            problem = say("gave no image in {timeout:g} s", timeout=self.timeout)
         elif ran.code != 0:
-            problem = f"ended with {_meaning(ran.code)}"
+            problem = say("ended with {how}", how=_meaning(ran.code))
         elif not out.is_file():
-            problem = f"ended well but wrote no image {out.name}"
+            problem = say("ended well but wrote no image {name}", name=out.name)
         else:
             return seconds
-        raise RendererError(f"{self.label}: {problem}: {shlex.join(words)}{ran.said()}")
+        raise RendererError(
+            say(
+                "{label}: {problem}: {words}{said}",
+                label=self.label,
+                problem=problem,
+                words=shlex.join(words),
+                said=ran.said(),
+            )
+        )
 
     def refused(self, job: Job, out: Path, why: str) -> RendererError:
         """The error of an image that was made and is of no use."""
-        return RendererError(f"{self.label}: {why}: {shlex.join(self.arguments(job, out))}")
+        return RendererError(
+            say(
+                "{label}: {why}: {arguments}",
+                label=self.label,
+                why=why,
+                arguments=shlex.join(self.arguments(job, out)),
+            )
+        )
 
     def _missing(self) -> MissingProgramError:
         return MissingProgramError(
-            f"{self.label}: {self.words[0]} is not there or cannot be run: {self.advice}"
+            say(
+                "{label}: {program} is not there or cannot be run: {advice}",
+                label=self.label,
+                program=self.words[0],
+                advice=self.advice,
+            )
         )
 
 
@@ -212,7 +266,7 @@ class Ran:
     def said(self) -> str:
         """The end of what it printed, for a message, harmless to a terminal."""
         text = "".join(c if c.isprintable() or c in "\n\t" else "?" for c in self.printed).strip()
-        return f"; it printed:\n{text}" if text else "; it printed nothing"
+        return say("; it printed:\n{text}", text=text) if text else _("; it printed nothing")
 
 
 def run_program(words: list[str], timeout: float) -> Ran:
@@ -273,11 +327,11 @@ def _keep_tail(stream: IO[bytes], tail: bytearray) -> None:
 
 def _meaning(code: int) -> str:
     if code >= 0:
-        return f"exit code {code}"
+        return say("exit code {code}", code=code)
     try:
-        return f"signal {signal.Signals(-code).name}"
+        return say("signal {name}", name=signal.Signals(-code).name)
     except ValueError:
-        return f"signal {-code}"
+        return say("signal {number}", number=-code)
 
 
 def penumbra_renderer(timeout: float = TIMEOUT) -> CommandRenderer:

@@ -12,12 +12,14 @@
  *                  pixel sample of a pixel whose centre shows a surface; 0 of "exact". Where no
  *                  light can come from or nothing can hide it, C may do without casting them
  *   background     what a pixel is that shows no surface [W m^-2 sr^-1]
+ *   wraps          whether who made it saves it unclamped, so that 8 bits wrap around
  */
 class Core {
   /* Rejects where there is no WebAssembly, or no worker starts. */
   static async open({ workers = Math.min(navigator.hardwareConcurrency || 2, 8) } = {}) {
     const core = new Core(workers);
-    await core.#run({ name: "core", parts: Array(workers).fill({ call: "ready" }), done: () => null });
+    const parts = Array(workers).fill({ call: "ready" });
+    await core.#run({ name: "core", parts, done: () => null });
     return core;
   }
 
@@ -35,7 +37,8 @@ class Core {
     for (const worker of this.#workers) {
       worker.knows = new Set();
       worker.onmessage = ({ data }) => this.#answered(worker, data);
-      worker.onerror = (event) => this.#fail(new Error(event.message || "no worker can be started"));
+      worker.onerror = ({ message }) =>
+        this.#fail(new Error(message || "no worker can be started"));
     }
   }
 
@@ -59,16 +62,14 @@ class Core {
    * domain, of rays and of weights. { chance, first, second }: Float32Arrays. Frames go first. */
   async moments(scene, light, receivers, domain, rays, weights, grid) {
     const AT_ONCE = 128, n = receivers.object.length, parts = [];
+    const asked = structuredClone({ call: "moments", scene, light, domain, rays, weights, grid });
     for (let before = 0; before < n; before += AT_ONCE) {
       const part = (array, size) => array.slice(size * before, size * (before + AT_ONCE));
       const { point, normal, right, down, object } = receivers;
-      parts.push({
-        call: "moments", scene, light, before, domain, rays, weights, grid,
-        receivers: {
-          point: part(point, 3), normal: part(normal, 3), right: part(right, 3),
-          down: part(down, 3), object: part(object, 1),
-        },
-      });
+      parts.push({ ...asked, before, receivers: {
+        point: part(point, 3), normal: part(normal, 3), right: part(right, 3),
+        down: part(down, 3), object: part(object, 1),
+      } });
     }
     const done = (answers) => Object.fromEntries(["chance", "first", "second"].map((name) => {
       const rows = rays.length * (name === "chance" ? 1 : weights.length);
@@ -90,7 +91,7 @@ class Core {
       estimator: "area", position_x: 0.5, position_y: 0.5, divisor: 0, ...wanted,
     };
     const { width, height } = settings, step = this.#workers.length;
-    const asked = { call, settings, step, ...also, scene: structuredClone(scene) };
+    const asked = structuredClone({ call, scene, settings, step, ...also }); // as they are now
     const parts = this.#workers.map((_, first) => ({ ...asked, first }));
     return this.#run({ name, client, parts, done: (answers) => {
       const radiance = new Float32Array(3 * width * height);
@@ -107,6 +108,7 @@ class Core {
         width, height, radiance, background: asked.scene.background,
         milliseconds: Math.max(...answers.map((answer) => answer.milliseconds)),
         shadow_rays: answers.reduce((sum, answer) => sum + answer.shadow_rays, 0),
+        wraps: answers[0].wraps ?? false,
       };
     } });
   }
@@ -118,7 +120,8 @@ class Core {
     const module = await (this.#modules[job.name] ??= compiled(job.name));
     return new Promise((resolve, reject) => {
       if (this.#broken) return reject(this.#broken);
-      Object.assign(job, { module, resolve, reject, dealt: 0, answers: [], missing: job.parts.length });
+      const missing = job.parts.length;
+      Object.assign(job, { module, resolve, reject, dealt: 0, missing, answers: [] });
       const older = this.#waiting.find(
         (other) => job.client !== undefined && other.client === job.client && other.dealt === 0);
       if (older) {
@@ -185,21 +188,21 @@ const coreReady = Core.open();
 coreReady.catch(() => {});
 
 /* On a canvas, as the lab saves a picture: clamped to [0, 1], times 255, truncated, no gamma. */
-function paint(canvas, { width, height, radiance }) {
+function paint(canvas, { width, height, radiance, wraps }) {
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const image = new ImageData(width, height), pixels = width * height;
   for (let c = 0; c < 3; c++) {
     for (let i = 0; i < pixels; i++) {
-      const value = radiance[c * pixels + i];
-      image.data[4 * i + c] = value > 0 ? Math.min(255, Math.fround(255 * value)) | 0 : 0;
+      const value = radiance[c * pixels + i], level = value > 0 ? Math.fround(255 * value) : 0;
+      image.data[4 * i + c] = wraps ? level & 255 : Math.min(255, level) | 0;
     }
   }
   for (let i = 0; i < pixels; i++) image.data[4 * i + 3] = 255;
   canvas.getContext("2d").putImageData(image, 0, 0);
 }
 
-/* The root of rel_mse (penumbra/compare/measure/metrics.py) over the colours that are lit: those above
- * 0 in the exact image, of pixels that show a surface. */
+/* The root of rel_mse (penumbra/compare/measure/metrics.py) over the colours that are lit: those
+ * above 0 in the exact image, of pixels that show a surface. */
 function relativeError({ radiance }, exact) {
   const EPSILON = 1e-2; // its REL_MSE_EPSILON
   const pixels = exact.width * exact.height, background = exact.background.map(Math.fround);

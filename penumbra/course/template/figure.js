@@ -101,11 +101,15 @@ class LiveFigure {
   }
 
   #wake() {
-    if (!this.core || !this.visible || document.hidden || !this.stale || this.busy) return;
+    if (!this.#due()) return;
     this.waking ||= requestAnimationFrame(() => {
       this.waking = 0;
-      this.#render().catch((error) => this.#complain(error));
+      if (this.#due()) this.#render();
     });
+  }
+
+  #due() {
+    return this.core && this.visible && !document.hidden && this.stale && !this.busy;
   }
 
   async #render() {
@@ -116,12 +120,15 @@ class LiveFigure {
     try {
       const frames = await Promise.all(panes.map((pane, i) => this.core.render(
         pane.scene, { ...this.#settings(pane), ...pane.settings }, { client: `${this.client}-${i}` })));
-      if (frames.every((frame) => frame)) this.#paint(panes, frames);
-    } finally {
       this.busy = false;
+      if (this.#due()) this.#render(); // the workers go on while this frame is painted
+      if (frames.every((frame) => frame)) this.#paint(panes, frames);
+    } catch (error) {
+      this.busy = false;
+      this.#complain(error);
     }
     if (this.stale) this.#wake();
-    else this.resting = setTimeout(() => this.#rest().catch((error) => this.#complain(error)), REST);
+    else if (!this.busy) this.resting = setTimeout(() => this.#rest().catch((error) => this.#complain(error)), REST);
   }
 
   #paint(panes, frames) {
@@ -312,7 +319,7 @@ class LiveFigure {
       });
       if (shown.pane.label) shown.title.textContent = shown.pane.label();
     }
-    if (this.marked) this.#mark();
+    if (this.marked && this.shown.length > 0) this.#mark();
   }
 
   /* A ring at marked(state): [x, y] as shares of the picture, or null. */
@@ -343,9 +350,19 @@ function usualReadouts(state, { frame, noise }) {
 
 /* A share of 1 with two digits that mean something. */
 function percent(share) {
-  return share >= 0.0995 ? number(share, ".0%") : share >= 0.00995 ? number(share, ".1%")
-    : share >= 0.0000995 ? number(share, ".2%") : share === 0 ? number(share, ".0%")
-    : number(share, ".1e");
+  return share === 0 ? number(0, ".0%") : share < 0.0000995 ? scale(share) : share < 0.00995 ? number(share, ".2%")
+    : share < 0.0995 ? number(share, ".1%") : number(share, ".0%");
+}
+
+/* Two digits and a power of ten, where a plain number would be long. */
+function scale(value) {
+  if (value === 0 || (Math.abs(value) >= 0.001 && Math.abs(value) < 1e5)) return number(Number(value.toPrecision(2)), ",");
+  const [digits, power] = value.toExponential(1).split("e");
+  return `${number(Number(digits), "")} · 10${superscript(Number(power))}`;
+}
+
+function superscript(integer) {
+  return String(integer).replace(/[-0-9]/g, (c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c]));
 }
 
 function element(name, attributes) {
@@ -372,7 +389,7 @@ class LogPlot {
     const { left, right, top, bottom, width, height } = this;
     const [u, v] = [[x, this.x], [y, this.y]].map(
       ([value, [least, most]]) => (Math.log10(Math.max(value, 1e-30)) - least) / (most - least));
-    return [left + u * (width - left - right), height - bottom - Math.max(-0.02, v) * (height - top - bottom)];
+    return [left + u * (width - left - right), height - bottom - Math.min(1.02, Math.max(-0.02, v)) * (height - top - bottom)];
   }
 
   /* Draws the axes and then what is given: { kind: "line" | "area" | "marks", points, name, mark } */

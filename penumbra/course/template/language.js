@@ -73,23 +73,24 @@ function spoken(element, text, attribute = null) {
   return element;
 }
 
-/* Where the reader is: a function that brings the same words, or picture, back to where they were. */
+/* Where the reader is: a function that brings the same words, or picture, back to where they were.
+   Until then the browser's own way of keeping the place must not move the page too. */
 function readersPlace() {
-  const height = window.innerHeight / 3;
+  const root = document.documentElement, height = window.innerHeight / 3;
   const at = document.elementFromPoint(window.innerWidth / 2, height);
   const text = at && at.closest("main [lang]");
   const twin = text && [...text.parentElement.children].find((e) => e.lang && e.lang !== text.lang);
-  if (twin) {
-    const box = text.getBoundingClientRect(), share = (height - box.top) / (box.height || 1);
-    return () => {
-      const now = twin.getBoundingClientRect();
-      window.scrollBy({ top: now.top + share * now.height - height, behavior: "instant" });
-    };
-  }
-  const place = at && at.closest("main section, main figure, main details, header, main");
-  if (!place) return () => {};
-  const top = place.getBoundingClientRect().top;
-  return () => window.scrollBy({ top: place.getBoundingClientRect().top - top, behavior: "instant" });
+  const block = twin ? text : at && at.closest("main section, main figure, main details, main");
+  if (!block) return () => {};
+  const before = block.getBoundingClientRect();
+  const share = twin ? (height - before.top) / (before.height || 1) : 0;
+  root.style.overflowAnchor = "none";
+  return () => {
+    const now = (twin || block).getBoundingClientRect();
+    const goal = twin ? height - share * now.height : before.top;
+    window.scrollBy({ top: now.top - goal, behavior: "instant" });
+    requestAnimationFrame(() => { root.style.overflowAnchor = ""; });
+  };
 }
 
 function speak(chosen) {

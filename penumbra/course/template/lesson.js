@@ -120,7 +120,8 @@ const ZONES = {
   lit: (q) => q > 0.99999,
 };
 
-/* RMSE of the floor's red where `belongs`, as a share of the light in its brightest place. */
+/* RMSE of the floor's red where `belongs`, as a share of the light in its brightest place; null
+   where nothing belongs. */
 function zone_noise(frame, floor, belongs, exact = floor.exact) {
   let sum = 0, count = 0;
   floor.visible.forEach((q, i) => {
@@ -128,7 +129,18 @@ function zone_noise(frame, floor, belongs, exact = floor.exact) {
     sum += (frame.radiance[i] - exact.radiance[i]) ** 2;
     count++;
   });
-  return count ? Math.sqrt(sum / count) / floor.brightest : 0;
+  return count ? Math.sqrt(sum / count) / floor.brightest : null;
+}
+
+async function measure_zones(figure, [shown]) {
+  const floor = await floor_of(figure, shown.pane);
+  shown.zones = floor && Object.fromEntries(
+    Object.entries(ZONES).map(([name, belongs]) => [name, zone_noise(shown.frame, floor, belongs)]));
+}
+
+function zone_text(zones, noise, name) {
+  if (noise === null || !zones) return "…";
+  return zones[name] === null ? say("there is none") : percent(zones[name]);
 }
 
 /* A pixel's error times 4 around grey. */
@@ -153,8 +165,11 @@ const STEPS = {
         range("side", () => say("Side of the light"), { min: 0, max: 8, step: 0.1, value: 2,
           shown: (v) => v > 0 ? unit(v, ".1f", "m") : say("0 m: a point") }),
         range("above", () => say("Height over the floor"), { min: 5, max: 20, step: 0.25, value: ABOVE, shown: metres }),
+        choice("method", () => say("Estimate"), [
+          ["exact", () => say("without noise")], ["area", () => say("16 shadow rays")]]),
       ],
-      panes: (state) => [{ scene: scene(state), settings: { estimator: "exact" }, reference: null }],
+      panes: (state) => [{ scene: scene(state), reference: null,
+        settings: { estimator: state.method, nb_light_samples: 16 } }],
       readouts: ({ side, above }, { frame }) => {
         const [umbra, penumbra] = shadow_ends(side, above);
         return [
@@ -215,20 +230,13 @@ const STEPS = {
       scene: scene_like("close"), settings: { nb_light_samples: n },
       ...(view === "error" && { show: (frame, exact) => (exact ? error_picture(frame, exact) : frame) }),
     }],
-    rested: async (figure, [shown]) => {
-      const floor = await floor_of(figure, shown.pane);
-      shown.zones = floor && Object.fromEntries(
-        Object.entries(ZONES).map(([name, belongs]) => [name, zone_noise(shown.frame, floor, belongs)]));
-    },
-    readouts: (state, { frame, zones, noise }) => {
-      const noise_in = (name) => (noise !== null && zones ? percent(zones[name]) : "…");
-      return [
-        [say("Noise in the umbra"), noise_in("umbra")],
-        [say("in the penumbra"), noise_in("penumbra")],
-        [say("in the light"), noise_in("lit")],
-        [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
-      ];
-    },
+    rested: measure_zones,
+    readouts: (state, { frame, zones, noise }) => [
+      [say("Noise in the umbra"), zone_text(zones, noise, "umbra")],
+      [say("in the penumbra"), zone_text(zones, noise, "penumbra")],
+      [say("in the light"), zone_text(zones, noise, "lit")],
+      [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
+    ],
   }),
 
   "square-root": () => new Accumulation().description(),
@@ -258,7 +266,7 @@ const STEPS = {
         for (const each of shown) each.zone = zone_noise(each.frame, floor, inside, each.exact);
       },
       readouts: (state, { frame, noise, zone }) => [
-        [say("Noise in the penumbra"), noise === null || zone === undefined ? "…" : percent(zone)],
+        [say("Noise in the penumbra"), noise === null || zone === undefined ? "…" : zone === null ? say("there is none") : percent(zone)],
         [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
         [say("Shadow rays"), number(frame.shadow_rays, ",d")],
       ],
@@ -274,7 +282,7 @@ const STEPS = {
       : { estimator: "area", sampler: "sobol", nb_light_samples: 64 });
     return {
       controls: [
-        range("far", () => say("Moved along x by"), { values: distances, value: 0, shown: (v) => unit(v, ",d", "m") }),
+        range("far", () => say("Moved along x by"), { values: distances, value: 0, shown: (v) => unit(v, ",", "m") }),
         range("power", () => say("Scaled by"), { values: sizes, value: 0,
           shown: (v) => (v === 0 ? "1" : `10${superscript(v)}`) }),
         choice("method", () => say("Estimate"), [
@@ -288,15 +296,15 @@ const STEPS = {
       }],
       readouts: ({ far, power }, { frame, noise }) => [
         [say("Error by rounding"), noise === null ? "…" : percent(noise)],
-        [say("Scene’s size"), unit(10 * 10 ** power, "g", "m")],
-        [say("Between neighbouring floats"), unit(spacing(far + 10 ** power), ".2g", "m")],
+        [say("Scene’s size"), `${scale(10 * 10 ** power)}${NO_BREAK}m`],
+        [say("Between neighbouring floats"), `${scale(spacing(far + 10 ** power))}${NO_BREAK}m`],
         [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
       ],
     };
   },
 
   "other-lights": () => {
-    const scene = ({ shape, above }) => under(scene_like("whole"), light_of(shape, above));
+    const scene = ({ shape, above, side }) => under(scene_like("close"), light_of(shape, above, side));
     return {
       controls: [
         choice("shape", () => say("Light"), [
@@ -305,10 +313,17 @@ const STEPS = {
         choice("estimator", () => say("Samples spread over"), [
           ["area", () => say("the area")], ["solid-angle", () => say("the solid angle")]]),
         shadow_rays(16, 256),
-        range("above", () => say("Height over the floor"), { min: 4, max: 16, step: 0.25, value: ABOVE, shown: metres }),
+        range("above", () => say("Height over the floor"), { min: 5, max: 16, step: 0.25, value: ABOVE, shown: metres }),
+        range("side", () => say("Side of the light"), { min: 1, max: 6, step: 0.25, value: 2, shown: metres }),
       ],
-      panes: (state) => [{ scene: scene(state),
+      panes: (state) => [{ scene: scene(state), size: [300, 200],
         settings: { nb_light_samples: state.n, estimator: state.estimator } }],
+      rested: measure_zones,
+      readouts: (state, { frame, zones, noise }) => [
+        [say("Noise in the penumbra"), zone_text(zones, noise, "penumbra")],
+        [say("in the light"), zone_text(zones, noise, "lit")],
+        [say("Time"), unit(frame.milliseconds, ".1f", "ms")],
+      ],
       cpp: (state) => cpp_light(scene(state)),
     };
   },
@@ -319,10 +334,6 @@ function new_numbers() {
     figure.seed = (figure.seed || 0) + 1;
     figure.invalidate();
   });
-}
-
-function superscript(integer) {
-  return String(integer).replace(/[-0-9]/g, (c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c]));
 }
 
 function mean_of({ radiance }) {
@@ -467,9 +478,10 @@ class Accumulation {
       panes: () => {
         // Points lie evenly on the logarithmic axis.
         const n = Math.max(1, Math.min(Math.floor(this.total / 2), Accumulation.MOST - this.total));
+        const { points } = this; // of a run that may have ended when the frame is there
         return [{
           ...this.pane(), settings: { nb_light_samples: n, seed: this.seed + this.total },
-          show: (frame) => this.shown(frame, n),
+          show: (frame) => (points === this.points ? this.shown(frame, n) : frame),
         }];
       },
       rested: async (figure) => {
@@ -621,7 +633,7 @@ const METHODS = {
 /* Error against time of each method on this machine. */
 class Trade {
   static COUNTS = [1, 4, 16, 64, 256];
-  static TIMES = 3; // frames, of which the median time counts
+  static TIMES = 5; // frames, of which the fastest counts: others shared the machine
 
   constructor() {
     this.points = {};
@@ -664,15 +676,15 @@ class Trade {
       for (const n of name === "exact" ? [1] : Trade.COUNTS) {
         const asked = { width: exact.width, height: exact.height, nb_light_samples: n, ...settings };
         const frames = [];
-        for (let k = 0; k <= Trade.TIMES && this.running; k++) {
+        for (let k = 0; k < Trade.TIMES && this.running; k++) {
           frames.push(await figure.core.render(pane.scene, { ...asked, seed: k }));
         }
         if (!this.running) break;
-        const times = frames.slice(1).map((frame) => frame.milliseconds).sort((a, b) => a - b);
+        const fastest = Math.min(...frames.map((frame) => frame.milliseconds));
         const errors = frames.map((frame) => relativeError(frame, exact) ** 2);
         const error = Math.sqrt(errors.reduce((sum, e) => sum + e, 0) / errors.length);
         // Timers of browsers are coarse: what they call no time took less than a tenth of a millisecond.
-        this.points[name].push({ n, ms: Math.max(0.1, times[Math.floor(times.length / 2)]), error });
+        this.points[name].push({ n, ms: Math.max(0.1, fastest), error });
         figure.refresh();
       }
     }

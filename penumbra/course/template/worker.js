@@ -31,7 +31,8 @@ onmessage = ({ data: asked }) => {
     postMessage(result, transfer);
   } catch (error) {
     delete instances[asked.name]; // after a trap its memory may hold anything
-    postMessage({ error: error instanceof RangeError ? `out of memory: ${error.message}` : error.message });
+    const what = error instanceof RangeError ? "out of memory: " : "";
+    postMessage({ error: what + error.message });
   }
 };
 
@@ -47,34 +48,42 @@ const CALLS = {
       one_of(ESTIMATORS, settings, "estimator"), first, step));
     const milliseconds = performance.now() - start;
     const radiance = new Float32Array(wasm.memory.buffer, planes, 3 * width * height);
-    return rows_of(wasm, scene, settings, first, step, milliseconds,
-      (out, c, y) => out.set(radiance.subarray((c * height + y) * width, (c * height + y + 1) * width)));
+    return rows_of(wasm, scene, settings, first, step, milliseconds, (out, c, y) => {
+      const at = (c * height + y) * width;
+      out.set(radiance.subarray(at, at + width));
+    });
   },
 
   mistaken(wasm, { scene, settings, choices, first, step }) {
     const { width, height, position_x, position_y, divisor } = settings;
     check(settings, "nb_light_samples", 1, 4095);
+    check(settings, "divisor", 0, 1);
     for (const name of Object.keys(choices)) {
       if (!MODULES.includes(name)) throw new Error(`${name}: not a module of the catalogue`);
     }
     set_scene(wasm, scene);
     const heap = new Heap(wasm);
-    const chosen = MODULES.map((name) => heap.choice(name, choices[name] ?? "std"));
+    const chosen = heap.put(
+      Int32Array.from(MODULES, (name) => heap.choice(name, choices[name] ?? "std")));
+    const wraps = Boolean(wasm.saved_wrapped(chosen));
     const start = performance.now();
     const pixels = in_memory(wasm.mistaken_rows(
-      heap.put(Int32Array.from(chosen)), ...picture(settings), position_x, position_y, divisor,
-      first, step));
+      chosen, ...picture(settings), position_x, position_y, divisor, first, step));
     const milliseconds = performance.now() - start;
     heap.free();
     const rgb = new Float32Array(wasm.memory.buffer, pixels, 3 * width * height);
-    return rows_of(wasm, scene, settings, first, step, milliseconds, (out, c, y) => {
+    const made = rows_of(wasm, scene, settings, first, step, milliseconds, (out, c, y) => {
       for (let x = 0; x < width; x++) out[x] = rgb[3 * (y * width + x) + c];
     });
+    made.result.wraps = wraps;
+    return made;
   },
 
   moments(wasm, { scene, light, receivers, before, domain, rays, weights, grid }) {
     const n = receivers.object.length;
     set_scene(wasm, scene);
+    check({ light }, "light", 0, wasm.scene_lights() - 1);
+    check({ grid }, "grid", 1, 24);
     const heap = new Heap(wasm);
     const made = [rays.length, rays.length * weights.length, rays.length * weights.length]
       .map((count) => ({ place: heap.take(4 * count * n), count: count * n }));
@@ -88,7 +97,8 @@ const CALLS = {
     const [chance, first, second] = made.map(({ place, count }) =>
       new Float32Array(wasm.memory.buffer, place, count).slice());
     heap.free();
-    return { result: { chance, first, second }, transfer: [chance.buffer, first.buffer, second.buffer] };
+    const result = { chance, first, second };
+    return { result, transfer: Object.values(result).map(({ buffer }) => buffer) };
   },
 };
 
@@ -109,8 +119,8 @@ function rows_of(wasm, scene, settings, first, step, milliseconds, fill) {
   return { result: { rows, first, step, milliseconds, shadow_rays }, transfer: [rows.buffer] };
 }
 
-/* In how many of these pixels the ray through the centre meets a surface; remembered, since a light
- * that moves does not change it. */
+/* In how many of these pixels the ray through the centre meets a surface; remembered, since a
+ * light that moves does not change it. */
 let counted = { of: "", pixels: 0 };
 function surface_pixels(wasm, scene, ...where) {
   const { camera, spheres, planes, ray_max_distance } = scene;
@@ -139,7 +149,8 @@ function set_scene(wasm, scene) {
 function numbers(item, keys, where) {
   return keys.flatMap((key) => {
     const single = SINGLE.includes(key), value = single ? [item?.[key]] : item?.[key];
-    if (!Array.isArray(value) || value.length !== (single ? 1 : 3) || !value.every(Number.isFinite)) {
+    const whole = Array.isArray(value) && value.length === (single ? 1 : 3);
+    if (!whole || !value.every(Number.isFinite)) {
       throw new Error(`${where}.${key}: not ${single ? "a number" : "three numbers"}`);
     }
     if (POSITIVE.includes(key) && !(value[0] > 0)) throw new Error(`${where}.${key}: not above 0`);
@@ -164,7 +175,8 @@ function one_of(names, settings, key) {
 function picture(settings) {
   return [
     check(settings, "width", 1, 16384), check(settings, "height", 1, 16384),
-    check(settings, "nb_light_samples", 1, 1 << 20), check(settings, "samples_per_pixel", 1, 1 << 16),
+    check(settings, "nb_light_samples", 1, 1 << 20),
+    check(settings, "samples_per_pixel", 1, 1 << 16),
     check(settings, "seed", 0, Number.MAX_SAFE_INTEGER),
   ];
 }

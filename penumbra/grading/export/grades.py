@@ -9,11 +9,13 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
+from penumbra.language import N_, _, say
+
 SCHEMA = "penumbra-grades/1"
 SHOWN, REFUTED, CANNOT_TELL, MISSING = "shown", "refuted", "cannot tell", "missing"
 STATES = (SHOWN, REFUTED, CANNOT_TELL, MISSING)
 """Of a claim"""
-LEFT_OPEN = " (It costs nothing: your instructor may look at it.)"
+LEFT_OPEN = N_(" (It costs nothing: your instructor may look at it.)")
 """Said of what cannot be told"""
 INTERNAL = "internal"
 """The problem that is a fault of Penumbra's, and no submission's"""
@@ -39,7 +41,7 @@ class Claim:
     @property
     def reason(self) -> str:
         """What the student reads of it"""
-        return self.why + (LEFT_OPEN if self.state == CANNOT_TELL else "")
+        return self.why + (_(LEFT_OPEN) if self.state == CANNOT_TELL else "")
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ class Grades:
     submissions: tuple[Submission, ...]
     version: str
     """of Penumbra"""
+    language: str = "en"
+    """of their texts, one of LANGUAGES"""
 
     def one(self, name: str | None = None) -> Submission:
         """The submission of that id, without a name the only one, for a tool that shows its grade
@@ -84,17 +88,29 @@ class Grades:
         is_only = name is None and len(self.submissions) == 1
         found = [one for one in self.submissions if is_only or one.id == name]
         if found and found[0].problem == INTERNAL:
-            raise GradesError(f"{found[0].id}: not judged, so no grade: {found[0].headline}")
+            raise GradesError(
+                say(
+                    "{id}: not judged, so no grade: {headline}",
+                    id=found[0].id,
+                    headline=found[0].headline,
+                )
+            )
         if found:
             return found[0]
         ids = ", ".join(one.id for one in self.submissions[:8])
         ids += ", ..." if len(self.submissions) > 8 else ""
         if name is None:
             raise GradesError(
-                f"{len(self.submissions)} submissions, and this format holds one: "
-                f"give --submission ID, one of {ids}"
+                say(
+                    "{count} submissions, and this format holds one: give --submission ID, "
+                    "one of {ids}",
+                    count=len(self.submissions),
+                    ids=ids,
+                )
             )
-        raise GradesError(f"--submission {name}: none of that id; there are {ids}")
+        raise GradesError(
+            say("--submission {name}: none of that id; there are {ids}", name=name, ids=ids)
+        )
 
 
 def read_grades(file: Path) -> Grades:
@@ -102,12 +118,17 @@ def read_grades(file: Path) -> Grades:
     try:
         whole = json.loads(file.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise GradesError(f"{file}: not JSON: {error}") from error
+        raise GradesError(say("{file}: not JSON: {error}", file=file, error=error)) from error
     found = whole.get("schema") if isinstance(whole, dict) else None
     if found != SCHEMA:
         raise GradesError(
-            f"{file}: schema: {json.dumps(found)}, not {json.dumps(SCHEMA)}: "
-            "give the grades.json that `penumbra grade` wrote"
+            say(
+                "{file}: schema: {found}, not {schema}: give the grades.json that `penumbra grade` "
+                "wrote",
+                file=file,
+                found=json.dumps(found),
+                schema=json.dumps(SCHEMA),
+            )
         )
     try:
         rubric = _get(whole, "rubric", dict)
@@ -120,9 +141,10 @@ def read_grades(file: Path) -> Grades:
                 for i, one in enumerate(_get(whole, "submissions", list))
             ),
             _get(_get(whole, "versions", dict), "penumbra", str, "versions."),
+            "fr" if whole.get("language") == "fr" else "en",
         )
     except GradesError as error:
-        raise GradesError(f"{file}: {error}") from None
+        raise GradesError(say("{file}: {error}", file=file, error=error)) from None
 
 
 def scaled(points: int, of: int, out_of: Fraction | None) -> str:
@@ -140,7 +162,7 @@ def scaled(points: int, of: int, out_of: Fraction | None) -> str:
 
 def _submission(data: Any, where: str) -> Submission:
     if not isinstance(data, dict):
-        raise GradesError(f"{where.rstrip('.')}: not an object")
+        raise GradesError(say("{key}: not an object", key=where.rstrip(".")))
     problem = data.get("problem")
     claims = tuple(
         _claim(one, f"{where}claims[{i}].")
@@ -149,7 +171,14 @@ def _submission(data: Any, where: str) -> Submission:
     titles = {claim.id: claim.title for claim in claims}
     points, of = _get(data, "points", int, where), _get(data, "of", int, where)
     if sum(claim.points for claim in claims) != points or not 0 <= points <= of:
-        raise GradesError(f"{where}points: {points} of {of} is not the sum of its claims")
+        raise GradesError(
+            say(
+                "{where}points: {points} of {of} is not the sum of its claims",
+                where=where,
+                points=points,
+                of=of,
+            )
+        )
     return Submission(
         _get(data, "id", str, where),
         _get(problem, "code", str, f"{where}problem.") if problem else "",
@@ -167,7 +196,14 @@ def _submission(data: Any, where: str) -> Submission:
 def _claim(data: Any, where: str) -> Claim:
     state = _get(data, "state", str, where)
     if state not in STATES:
-        raise GradesError(f"{where}state: {json.dumps(state)} is none of {', '.join(STATES)}")
+        raise GradesError(
+            say(
+                "{where}state: {state} is none of {states}",
+                where=where,
+                state=json.dumps(state),
+                states=", ".join(STATES),
+            )
+        )
     return Claim(
         _get(data, "id", str, where),
         _get(data, "title", str, where),
@@ -181,8 +217,10 @@ def _claim(data: Any, where: str) -> Claim:
 def _get(data: Any, key: str, kind: type[Value], where: str = "") -> Value:
     value = data.get(key) if isinstance(data, Mapping) else None
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise GradesError(f"{where}{key}: missing, or not {_KINDS[kind]}")
+        raise GradesError(
+            say("{where}{key}: missing, or not {kind}", where=where, key=key, kind=_(_KINDS[kind]))
+        )
     return value
 
 
-_KINDS = {str: "a text", int: "a whole number", list: "a list", dict: "an object"}
+_KINDS = {str: N_("a text"), int: N_("a whole number"), list: N_("a list"), dict: N_("an object")}

@@ -11,6 +11,7 @@ from typing import Any
 
 from penumbra.grading.export.grades import CANNOT_TELL, SHOWN, Claim, Grades, Submission
 from penumbra.grading.export.text import lines, one_line
+from penumbra.language import _, say
 
 VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
 
@@ -57,7 +58,10 @@ def _test(number: int, claim: Claim) -> dict[str, Any]:
 
 
 def _for_instructor(submission: Submission) -> dict[str, Any]:
-    said = [f"submission: {one_line(submission.id)}", f"verdict: {submission.verdict}"]
-    said += [f"mistake: {one_line(title)}" for title in submission.mistakes]
-    said += [f"cannot tell, look at it: {one_line(t)}" for t in submission.for_instructor]
-    return {"name": "For the instructor", "output": "\n".join(said), "visibility": "hidden"}
+    said = [
+        say("submission: {id}", id=one_line(submission.id)),
+        say("verdict: {verdict}", verdict=submission.verdict),
+    ]
+    said += [say("mistake: {title}", title=one_line(title)) for title in submission.mistakes]
+    said += [say("cannot tell, look at it: {t}", t=one_line(t)) for t in submission.for_instructor]
+    return {"name": _("For the instructor"), "output": "\n".join(said), "visibility": "hidden"}

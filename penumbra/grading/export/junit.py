@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 from penumbra.grading.export.grades import CANNOT_TELL, MISSING, REFUTED, Claim, Grades, Submission
 from penumbra.grading.export.text import lines, one_line
+from penumbra.language import say
 
 
 def report(grades: Grades, submissions: Sequence[Submission]) -> str:
@@ -58,7 +59,9 @@ def _outcome(case: ElementTree.Element, claim: Claim) -> None:
     why = one_line(claim.reason)
     if claim.state in (REFUTED, MISSING):
         failure = ElementTree.SubElement(case, "failure", type=claim.state, message=why)
-        failure.text = f"{claim.points} of {claim.of} points\n" + "\n".join(lines(claim.reason))
+        failure.text = say(
+            "{points} of {of} points\n", points=claim.points, of=claim.of
+        ) + "\n".join(lines(claim.reason))
     elif claim.state == CANNOT_TELL:
         ElementTree.SubElement(case, "skipped", type=claim.state, message=why)
 

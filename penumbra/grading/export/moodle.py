@@ -20,6 +20,7 @@ from typing import TypeVar
 
 from penumbra.grading.export.grades import INTERNAL, Grades, GradesError, Submission, scaled
 from penumbra.grading.export.text import lines, one_line
+from penumbra.language import _, say
 
 GRADE = ("Grade", "Note")
 FEEDBACK = ("Feedback comments", "Feedback par commentaires")
@@ -53,7 +54,7 @@ def gradebook(grades: Grades, roster: Mapping[str, str], out_of: Fraction | None
     found = _matched(
         grades.submissions,
         lambda one: roster.get(one.id) if EMAIL.fullmatch(roster.get(one.id, "")) else None,
-        "have no e-mail address in the roster",
+        _("have no e-mail address in the roster"),
     )
     rows = [[address, scaled(one.points, one.of, out_of), feedback(one)] for one, address in found]
     notes = _failed_to_judge(grades)
@@ -80,7 +81,9 @@ def fill_worksheet(
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise GradesError(f"{worksheet}: not UTF-8: save it as “CSV UTF-8”") from None
+        raise GradesError(
+            say("{worksheet}: not UTF-8: save it as “CSV UTF-8”", worksheet=worksheet)
+        ) from None
     rows, delimiter = _read_worksheet(worksheet, text, grade_column)
     header, body = rows[0], rows[1:]
     at_grade = _column(worksheet, header, GRADE, grade_column, "--grade-column")
@@ -89,7 +92,7 @@ def fill_worksheet(
     found = _matched(
         grades.submissions,
         lambda one: places.get(_key(one, roster or {})),
-        f"have no row in {worksheet}",
+        say("have no row in {worksheet}", worksheet=worksheet),
     )
     notes = _failed_to_judge(grades)
     for one, place in found:
@@ -97,11 +100,24 @@ def fill_worksheet(
         _check_maximum(worksheet, header, row, grades.total if out_of is None else out_of)
         grade = scaled(one.points, one.of, out_of)
         if row[at_grade].strip() and _number(row[at_grade]) != Fraction(grade):
-            notes.append(f"{one_line(one.id)}: had {row[at_grade].strip()}, now {grade}")
+            notes.append(
+                say(
+                    "{id}: had {before}, now {grade}",
+                    id=one_line(one.id),
+                    before=row[at_grade].strip(),
+                    grade=grade,
+                )
+            )
         row[at_grade], row[at_feedback] = grade, feedback(one)
     empty = len(body) - len(found)
     if empty:
-        notes.append(f"{empty} of {len(body)} rows have no submission, and stay as they are")
+        notes.append(
+            say(
+                "{empty} of {count} rows have no submission, and stay as they are",
+                empty=empty,
+                count=len(body),
+            )
+        )
     mark = "\ufeff" if raw.startswith(b"\xef\xbb\xbf") else ""
     newline = "\r\n" if b"\r\n" in raw else "\n"
     return Filled(mark + _csv(rows, delimiter, newline), tuple(notes))
@@ -114,16 +130,25 @@ def read_roster(file: Path) -> dict[str, str]:
     try:
         text = file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise GradesError(f"{file}: not UTF-8: save it as “CSV UTF-8”") from None
+        raise GradesError(say("{file}: not UTF-8: save it as “CSV UTF-8”", file=file)) from None
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=_likeliest(text))
     for row in reader:
         cells = [cell.strip() for cell in row]
         if not any(cells) or (reader.line_num == 1 and cells[0].lower() == "id"):
             continue
         if len(cells) < 2 or not cells[0] or not cells[1]:
-            raise GradesError(f"{file}:{reader.line_num}: not of the form id,email")
+            raise GradesError(
+                say("{file}:{line}: not of the form id,email", file=file, line=reader.line_num)
+            )
         if cells[0] in roster:
-            raise GradesError(f"{file}:{reader.line_num}: {cells[0]} stands there twice")
+            raise GradesError(
+                say(
+                    "{file}:{line}: {id} stands there twice",
+                    file=file,
+                    line=reader.line_num,
+                    id=cells[0],
+                )
+            )
         roster[cells[0]] = cells[1]
     return roster
 
@@ -147,7 +172,10 @@ def feedback(submission: Submission) -> str:
 
 def _failed_to_judge(grades: Grades) -> list[str]:
     return [
-        f"{one_line(one.id)}: not judged, by a fault of Penumbra's: full points, look at it"
+        say(
+            "{id}: not judged, by a fault of Penumbra's: full points, look at it",
+            id=one_line(one.id),
+        )
         for one in grades.submissions
         if one.problem == INTERNAL
     ]
@@ -190,13 +218,23 @@ def _read_worksheet(file: Path, text: str, grade_column: str | None) -> tuple[li
             break
     else:
         raise GradesError(
-            f"{file}: no column {' or '.join(names)}: give the grading worksheet that Moodle lets "
-            "you download, and --grade-column NAME where it speaks another language"
+            say(
+                "{file}: no column {names}: give the grading worksheet that Moodle lets you "
+                "download, and --grade-column NAME where it speaks another language",
+                file=file,
+                names=_(" or ").join(names),
+            )
         )
     for number, row in enumerate(rows, start=1):
         if len(row) != len(rows[0]):
             raise GradesError(
-                f"{file}: row {number} has {len(row)} cells, the heading {len(rows[0])}"
+                say(
+                    "{file}: row {number} has {cells} cells, the heading {columns}",
+                    file=file,
+                    number=number,
+                    cells=len(row),
+                    columns=len(rows[0]),
+                )
             )
     return rows, delimiter
 
@@ -208,9 +246,15 @@ def _column(
     found = [i for i, name in enumerate(header) if name in names]
     if len(found) != 1:
         raise GradesError(
-            f"{file}: {len(found)} columns {' or '.join(names)}: enable “Feedback comments” in the "
-            f"assignment and download its worksheet anew, or give {option} NAME, one of "
-            + ", ".join(header)
+            say(
+                "{file}: {count} columns {names}: enable “Feedback comments” in the assignment and "
+                "download its worksheet anew, or give {option} NAME, one of {headings}",
+                file=file,
+                count=len(found),
+                names=_(" or ").join(names),
+                option=option,
+                headings=", ".join(header),
+            )
         )
     return found[0]
 
@@ -223,8 +267,15 @@ def _check_maximum(
             maximum = _number(cell)
             if maximum is not None and maximum != best:
                 raise GradesError(
-                    f"{file}: {name} is {cell.strip()}, and the grades are out of "
-                    f"{float(best):g}: give --out-of {float(maximum):g}"
+                    say(
+                        "{file}: {name} is {cell}, and the grades are out of {best:g}: give "
+                        "--out-of {maximum:g}",
+                        file=file,
+                        name=name,
+                        cell=cell.strip(),
+                        best=float(best),
+                        maximum=float(maximum),
+                    )
                 )
 
 
@@ -243,15 +294,24 @@ def _matched(
     lost = [one for one, where in found if where is None]
     if lost:
         raise GradesError(
-            f"{len(lost)} submissions {why}: {_names(lost)}: name them in --roster FILE, "
-            "a line `id,email` each (Moodle tells small letters from capitals)"
+            say(
+                "{count} submissions {why}: {names}: name them in --roster FILE, a line `id,email` "
+                "each (Moodle tells small letters from capitals)",
+                count=len(lost),
+                why=why,
+                names=_names(lost),
+            )
         )
     first: dict[Place, Submission] = {}
     matched = []
     for one, where in found:
         assert where is not None
         if where in first:
-            raise GradesError(f"two submissions are of one student: {_names([first[where], one])}")
+            raise GradesError(
+                say(
+                    "two submissions are of one student: {names}", names=_names([first[where], one])
+                )
+            )
         first[where] = one
         matched.append((one, where))
     return matched

@@ -11,18 +11,22 @@ from fractions import Fraction
 
 from penumbra.grading.export.grades import Submission, scaled
 from penumbra.grading.export.text import lines, one_line
+from penumbra.language import _, say
 
 COMMENT, GRADE = "Comment :=>>", "Grade :=>>"
 
 
 def evaluation(submission: Submission, out_of: Fraction | None = None) -> str:
     """The lines of one submission. out_of: the activity's best grade, $VPL_GRADEMAX."""
-    said = [_title(f"Grade: {submission.points}/{submission.of}"), *_shown(submission.headline)]
+    said = [
+        _title(say("Grade: {points}/{of}", points=submission.points, of=submission.of)),
+        *_shown(submission.headline),
+    ]
     for claim in submission.claims:
         said.append(_title(f"{claim.title}: {claim.points}/{claim.of}"))
         said += _shown(claim.reason)
     if submission.details:
-        said += [_title("Details"), *_shown(submission.details)]
+        said += [_title(_("Details")), *_shown(submission.details)]
     grade = scaled(submission.points, submission.of, out_of)
     return "\n".join([*(COMMENT + one for one in said), f"{GRADE} {grade}"]) + "\n"
 

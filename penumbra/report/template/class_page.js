@@ -1,8 +1,7 @@
 // The class's table: sorted by a column, filtered by mistake, verdict and name. Without this script
 // every row is there, in the order of the names.
-"use strict";
-
 (() => {
+  "use strict";
   const table = document.getElementById("class"), filters = document.getElementById("filters");
   const state = document.getElementById("state");
   const heads = [...table.tHead.rows[0].cells];
@@ -31,15 +30,17 @@
       const { verdict: ofVerdict, mistake: ofMistake } = button.dataset;
       button.setAttribute("aria-pressed", ofVerdict ? ofVerdict === verdict : ofMistake === mistake);
     }
-    say(shown);
+    tell(shown);
   }
 
-  function say(shown) {
+  function tell(shown) {
     const chosen = [filters.verdict, filters.mistake].filter((s) => s.value).map((s) => s.selectedOptions[0].text);
     const text = filters.text.value.trim();
-    if (text) chosen.push(`name with “${text}”`);
-    state.textContent = `${shown} of ${rows.length} submission${rows.length === 1 ? "" : "s"}`
-      + (chosen.length ? `: ${chosen.join("; ")}` : "") + sorted;
+    if (text) chosen.push(say("name with “{text}”", { text }));
+    const counted = rows.length === 1 ? say("{shown} of 1 submission", { shown })
+      : say("{shown} of {count} submissions", { shown, count: rows.length });
+    const which = chosen.join(say("; "));
+    state.textContent = (which ? say("{counted}: {which}", { counted, which }) : counted) + sorted;
   }
 
   // What has no key comes last, whichever the direction.
@@ -52,8 +53,9 @@
     table.append(...rows.map((row) => row.body));
     for (const other of heads) other.removeAttribute("aria-sort");
     head.setAttribute("aria-sort", descending ? "descending" : "ascending");
-    sorted = `, by ${head.textContent.trim()}, ${descending ? "descending" : "ascending"}`;
-    say(rows.filter((row) => !row.body.hidden).length);
+    const by = { name: head.textContent.trim() };
+    sorted = descending ? say(", by {name}, descending", by) : say(", by {name}, ascending", by);
+    tell(rows.filter((row) => !row.body.hidden).length);
   }
 
   // A row that a link leads to is shown, and opened.
