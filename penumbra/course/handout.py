@@ -26,7 +26,7 @@ from penumbra.compare.run.provenance import ROOT, VERSION
 from penumbra.compare.scene import Plane, Scene, read_scene
 from penumbra.course.figures import LIGHT_SAMPLES, ONE, SOFT, Picture, commands, write_figures
 from penumbra.grading.rubric import read_rubric
-from penumbra.language import LANGUAGES, N_
+from penumbra.language import LANGUAGES, N_, _, speaking
 
 SOURCES = Path(__file__).resolve().parent / "handout"
 NOTEBOOK = Path(__file__).resolve().parent / "notebook" / "penumbra.ipynb"
@@ -58,6 +58,19 @@ CHANGED = 4 / 255
 """By more than that a mistake changes the mean of a pixel that it changes"""
 EQUAL_RAYS = ((4, 1), (4, 16), (64, 1))
 """Light and pixel samples that answer the question about anti-aliasing"""
+
+
+def handouts(build_dir: Path) -> dict[str, Any]:
+    """What the page's template finds under `handouts`: of each file its name and title, by
+    language."""
+    files = []
+    for file, title in HANDED_OUT:
+        one = {}
+        for chosen in LANGUAGES:
+            with speaking(chosen):
+                one[chosen] = {"name": file.format(language=chosen), "title": _(title)}
+        files.append(one)
+    return {"files": files}
 
 
 def write_handouts(out: Path) -> None:
