@@ -408,7 +408,9 @@ def _cells(form: dict[str, Any]) -> list[Markup]:
 def times(ratio: float | None) -> Markup:
     if ratio is None:
         return Markup("–")
-    return both("× {ratio:.2f}" if 0.1 <= ratio < 10 else "× {ratio:.2g}", ratio=ratio)
+    if 0.1 <= ratio < 10:
+        return both("× {ratio:.2f}", ratio=ratio)
+    return both("× {ratio:.2g}", ratio=ratio)
 
 
 def _alt(mistake: Mistake, form: dict[str, Any]) -> dict[str, str]:
