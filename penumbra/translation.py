@@ -43,8 +43,8 @@ LABEL = re.compile(r'\bdata-label="([^"{]+)"')
 HEADING = re.compile(r"#{1,6} |=+ ")
 ANCHOR = re.compile(r"\{#([\w-]+)\}")
 AGREED = LOCALE / "fr" / "agreed.json"
-CHANCE = re.compile(rb'^"(?:POT-Creation-Date|PO-Revision-Date|Generated-By).*\n', re.M)
-"""Lines of the header that would be others each time"""
+CHANCE = re.compile(rb'^"(?!Language:|Plural|MIME|Content)[A-Z][A-Za-z-]+:.*\n', re.M)
+"""Lines of the header that would say nothing, or something else each time"""
 ALIKE = 0.85
 """Texts that differ by less are thought to be one, reworded"""
 Message: TypeAlias = tuple[int, str | None, Any, list[str]]
@@ -92,6 +92,7 @@ def update() -> None:
         ):
             message.string = gone[like]
             message.flags.add("fuzzy")
+    whole.header_comment = "# What Penumbra says in French: docs/translating.md."
     text = io.BytesIO()
     write_po(text, whole, width=0, sort_by_file=True, ignore_obsolete=True, include_lineno=False)
     PO.write_bytes(CHANCE.sub(b"", text.getvalue()))
