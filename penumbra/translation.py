@@ -95,7 +95,8 @@ def update() -> None:
     whole.header_comment = "# What Penumbra says in French: docs/translating.md."
     text = io.BytesIO()
     write_po(text, whole, width=0, sort_by_file=True, ignore_obsolete=True, include_lineno=False)
-    PO.write_bytes(CHANCE.sub(b"", text.getvalue()))
+    header, _, entries = text.getvalue().partition(b"\n\n")
+    PO.write_bytes(CHANCE.sub(b"", header) + b"\n\n" + entries)
 
 
 # ---------------------------------------------------------------- whole texts
