@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from babel.messages.catalog import Message
 
+import penumbra
 from penumbra import translation
 from penumbra.__main__ import main
 from penumbra.compare.check.catalogue import catalogue
@@ -372,6 +373,15 @@ def test_export_speaks_the_language_of_the_grades(picture: Path, tmp_path: Path)
             rf"^Comment :=>>-{title}{NO_BREAK if title == 'Note' else ''}: ", said, re.M
         )
         assert re.search(r"^Grade :=>> \d+$", said, re.M)  # VPL's own word
+
+
+def test_assertions_speak_the_language_of_the_environment(
+    picture: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LANG", "fr_FR.UTF-8")
+    with pytest.raises(penumbra.Refuted, match=f"^FAUX{NO_BREAK}: la lumière") as raised:
+        penumbra.assert_right(picture, light_samples=64)
+    assert not list(typography(str(raised.value)))
 
 
 # ---------------------------------------------------------------- what is looked for
