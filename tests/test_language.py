@@ -37,6 +37,7 @@ CODE = re.compile(
     r"|<code>.*?</code>|<pre>.*?</pre>|</?\w[^>]*>"
     r"|\$[^$]*\$"  # formulas of Markdown and Typst
     r"|\{#[^}]*\}|\{\{|\}\}|\{[^{}]*\}|%\(\w+\)s|%%"  # anchors, placeholders
+    r"|\b\d{1,2}(?:,\d{1,2}(?:\.\d+)?){2,}(?![\d,])"  # a list, as it is typed
     r"|https?://\S+|\]\([^)]*\)"
     r"|&#?\w+;"
     r"|--[\w-]+|\bpenumbra \w+ [\w/.{} -]*--\w+ \w+"  # options, commands
@@ -380,7 +381,7 @@ def test_assertions_speak_the_language_of_the_environment(
 ) -> None:
     monkeypatch.setenv("LANG", "fr_FR.UTF-8")
     with pytest.raises(penumbra.Refuted, match=f"^FAUX{NO_BREAK}: la lumière") as raised:
-        penumbra.assert_right(picture, light_samples=64)
+        penumbra.assert_right(picture, light_samples=64, hint=2)
     assert not list(typography(str(raised.value)))
 
 
