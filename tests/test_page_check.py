@@ -1,7 +1,7 @@
 """The course's page checks a picture in the browser, and says what `penumbra check` says of it.
 
 Pictures are made by renderers whose mistake, or whose want of one, is known. PENUMBRA_STRESS=n
-takes n times as many, of all mistakes and nuisances, by another draw.
+(2 and more) takes 80 n, of all mistakes and nuisances, by another draw.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from penumbra.course.drop import PARAMETERS, SCENES, catalogue_script, javascrip
 from penumbra.course.page import write_page
 from tests import section
 from tests.conftest import ROOT, STRESS, built
+from tests.firefox import firefox
 
 SCENE = ROOT / "scenes" / "tp3.json"
 OPPOSITE = {"right", "wrong"}
@@ -119,8 +120,8 @@ FEW = [
 
 
 def many() -> list[Specimen]:
-    """Of a draw as calibration makes it, what the page takes: one picture, of the lab's scene, in
-    8 bits."""
+    """80 for each unit of STRESS, of a draw as calibration makes it, what the page takes: one
+    picture, of the lab's scene, in 8 bits."""
     found = []
     for i, s in enumerate(draw(1, 25 * STRESS, 100 + STRESS)):
         if s.kind == "left out" or s.variant.lights != "std" or s.variant.scale == "area_by_norms":
@@ -128,7 +129,8 @@ def many() -> list[Specimen]:
         scene = s.scene if s.scene in SCENES else SCENES[i % 2]
         file = "png" if s.file == "exr" else s.file
         found.append(replace(s, scene=scene, file=file, counts=s.counts[-1:]))
-    return found
+    order = np.random.default_rng(STRESS).permutation(len(found))
+    return [found[i] for i in order[: 80 * STRESS]]
 
 
 def checked_by_page(tab: Page, file: Path, s: Specimen) -> dict[str, Any]:
@@ -411,6 +413,20 @@ def test_axe_finds_nothing_in_any_state(
     page.wait_for_selector("#drop-progress:not([hidden])")
     clean()
     page.close()
+
+
+def test_firefox_says_the_same(page_file: Path, wrong: Path, right: Path) -> None:
+    with firefox() as tab:
+        tab.open(f"{page_file.as_uri()}?lang=en")
+        for file, n in ((wrong, 16), (right, 4)):
+            content = base64.b64encode(file.read_bytes()).decode()
+            given = json.dumps([content, file.name, {"lightSamples": n}])
+            found = tab.evaluate(f"({CHECK})({given})")
+            mine = check([file], SCENE, n, 1)
+            gain = mine.diagnosis.best.score - mine.diagnosis.right.score
+            assert found.get("verdict") == mine.verdict.verdict, found
+            assert tuple(found["mistakes"]) == mine.verdict.mistakes
+            assert found["gain"] == pytest.approx(gain, rel=1e-6, abs=1e-6)
 
 
 def test_page_without_scripts_says_what_to_do_instead(window: Browser, page_file: Path) -> None:

@@ -41,7 +41,7 @@ from penumbra.compare.cpp import cpp_scene
 from penumbra.compare.measure.image import read_image
 from penumbra.compare.run.provenance import ROOT
 from penumbra.compare.scene import read_scene
-from penumbra.language import LANGUAGES
+from penumbra.language import LANGUAGES, NO_BREAK
 
 TEXTS = Path(__file__).resolve().parent / "lesson"
 PARTS = {
@@ -215,6 +215,7 @@ def read_lesson(file: Path, language: str) -> Lesson:
 
     def html(part: Sequence[Token]) -> Markup:
         said = markdown.renderer.render(list(part), markdown.options, {})
+        said = re.sub(r"(\d) (m|cm)\b", rf"\1{NO_BREAK}\2", said)
         # No line begins with the full stop of a formula.
         unbroken = r'(<math[^>]*display="inline">(?:(?!</math>).)*</math>\u00a0?[.,;:?!)]+)'
         return Markup(re.sub(unbroken, r'<span class="unbroken">\1</span>', said))

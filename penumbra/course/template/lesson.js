@@ -382,7 +382,7 @@ function sample_steps(state) {
     { term: say("cos θ, at both ends"), value: number(cosine, ".3f") },
     { term: say("(c) _pdf"), value: number(pdf, ".2f") },
     { term: say("(d) _radiance"), value: number(arriving, ".3f") },
-    { term: say("the ray is"), value: free ? say("free: V = 1") : say("hidden: V = 0") },
+    { term: say("visibility V"), value: free ? say("1: free") : say("0: hidden") },
     { term: say("L, red"), value: number(radiance, ".3f") },
   ];
 }

@@ -3,7 +3,8 @@
    JSON. Out: { progress }, { ask } for moments, which the page answers with { moments }, and at last
    { verdict }, { refused } (a key of REFUSALS and values) or { error }. */
 
-const MOST_PIXELS = 1 << 23, FEWEST_CELLS = 20;
+const MOST_PIXELS = 1 << 23;
+const FEWEST_CELLS = 20;
 
 class Refused extends Error {
   constructor(code, values = {}) {
@@ -31,7 +32,8 @@ async function check(image, scene, lightSamples, pixelSamples, library, progress
 
 /* A PNG, JPG or BMP of 8 bits as { levels, width, height, jpeg }: its own numbers, of no profile. */
 async function decode(file) {
-  const bytes = new Uint8Array(await file.arrayBuffer()), jpeg = kindOf(bytes);
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  const jpeg = kindOf(bytes);
   let bitmap;
   try {
     bitmap = await createImageBitmap(file, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
@@ -58,18 +60,33 @@ function kindOf(bytes) {
   }
   if (is(0x42, 0x4d)) return "";
   if (!is(0xff, 0xd8)) throw new Refused("unreadable");
-  let steps = null, halved = false, lowest = 4;
+  let steps = null;
+  let halved = false;
+  let lowest = 4;
   for (let at = 2; at + 4 < bytes.length && bytes[at] === 0xff;) {
-    const marker = bytes[at + 1], end = at + 2 + 256 * bytes[at + 2] + bytes[at + 3];
-    for (let table = at + 4; marker === 0xdb && table < end;) {  // DQT
-      const wide = bytes[table] >> 4, name = bytes[table] & 15, size = wide ? 2 : 1;
+    const marker = bytes[at + 1];
+    const end = at + 2 + 256 * bytes[at + 2] + bytes[at + 3];
+    for (let table = at + 4; marker === 0xdb && table < end;) {
+      // DQT
+      const wide = bytes[table] >> 4;
+      const name = bytes[table] & 15;
+      const size = wide ? 2 : 1;
       if (name < lowest) {
         lowest = name;
-        steps = sum(range(64).map((i) => (wide ? 256 * bytes[table + 1 + 2 * i] + bytes[table + 2 + 2 * i] : bytes[table + 1 + i]))) / 64;
+        steps =
+          sum(
+            range(64).map((i) =>
+              wide ? 256 * bytes[table + 1 + 2 * i] + bytes[table + 2 + 2 * i] : bytes[table + 1 + i],
+            ),
+          ) / 64;
       }
       table += 1 + 64 * size;
     }
-    if (marker >= 0xc0 && marker <= 0xc2) halved = bytes[at + 11] !== 0x11;  // SOF: of the first component
+    if (marker >= 0xc0 && marker <= 0xc2) {
+      // SOF: how many components, and the first one's sampling
+      if (bytes[at + 9] > 3) throw new Refused("unreadable");
+      halved = bytes[at + 11] !== 0x11;
+    }
     if (marker === 0xda) break;
     at = end;
   }
@@ -78,7 +95,8 @@ function kindOf(bytes) {
 
 /* Some browsers change what a page reads of a picture, so that nobody is told by it. */
 function faithful() {
-  const side = 64, given = new ImageData(side, side);
+  const side = 64;
+  const given = new ImageData(side, side);
   for (let i = 0; i < given.data.length; i++) given.data[i] = i % 4 === 3 ? 255 : (i * 37) % 256;
   const context = new OffscreenCanvas(side, side).getContext("2d", { willReadFrequently: true });
   context.putImageData(given, 0, 0);
@@ -93,16 +111,25 @@ let answered = null;
 function askPage(sites, domain, rays, weights, grid) {
   const { point, normal, right, down, object } = sites;
   postMessage({ ask: [{ point, normal, right, down, object }, domain, rays, weights, grid] });
-  return new Promise((resolve) => { answered = resolve; });
+  return new Promise((resolve) => {
+    answered = resolve;
+  });
 }
 
 onmessage = async ({ data }) => {
   if (data.moments) return answered(data.moments);
   try {
-    const scene = readScene(data.json), image = await decode(data.file);
-    const verdict = await check(image, scene, data.lightSamples, data.pixelSamples, askPage, (progress) => postMessage({ progress }));
+    const scene = readScene(data.json);
+    const image = await decode(data.file);
+    const verdict = await check(image, scene, data.lightSamples, data.pixelSamples, askPage, (progress) =>
+      postMessage({ progress }),
+    );
     postMessage({ verdict });
   } catch (error) {
-    postMessage(error instanceof Refused ? { refused: error.code, values: error.values } : { error: String(error.message) });
+    postMessage(
+      error instanceof Refused
+        ? { refused: error.code, values: error.values }
+        : { error: String(error.message) },
+    );
   }
 };

@@ -4,19 +4,40 @@
    correct renderers from being accused (docs/check.md). First coarsely, on part of the cells, then
    the best ones on all. */
 
-const TEMPER = 0.5;  // cells are not quite independent of each other: what a log-likelihood counts
-const PRICE_ONE = 25, PRICE_TWO = 60, PRICE_MORE = 25, PRICE_FACTOR = 45, PRICE_DIFFUSE = 60;
-const ACCUSED = 15;  // gain over `right` from which a picture is called wrong
-const LOOSE = [0.005, 0.01, 0.02, 0.05, 0.1, 0.3];  // how far, relative, the mean may be off where no hypothesis holds
-const POWERS = [0.5, 2], POWER_OR = ["area_halved", "light_twice"];  // mistakes that are no more than another power
-const KNOWN = 0.008, KNOWN_AT_ONE = 0.03;  // a brightness as near as this, relative, to a known mistake's is that mistake
-const PARTS = 6, COARSE_GRID = 8, FINE_GRID = 12;
-const FEW_CELLS = 0.03;  // of the cells that may be anything, where it is asked whether a hypothesis explains all of them
-const LOCAL = 30;  // gain of that from which it does not
-const FINALISTS = 12, FAR_BEHIND = 80, SEEDS = 8, MOST_MISTAKES = 4;
+const TEMPER = 0.5; // cells are not quite independent of each other: what a log-likelihood counts
+/* Of one mistake, two, each further one, an unexplained brightness beside a mistake, and more for what
+   may explain nearly any mean, in units of the tempered log-likelihood. */
+const PRICE_ONE = 25;
+const PRICE_TWO = 60;
+const PRICE_MORE = 25;
+const PRICE_FACTOR = 45;
+const PRICE_DIFFUSE = 60;
+const ACCUSED = 15; // gain over `right` from which a picture is called wrong
+/* How far, relative, the mean may be off where no hypothesis holds. */
+const LOOSE = [0.005, 0.01, 0.02, 0.05, 0.1, 0.3];
+const POWERS = [0.5, 2];
+const POWER_OR = ["area_halved", "light_twice"]; // mistakes that are no more than another power
+const KNOWN = 0.008; // a brightness as near as this, relative, to a known mistake's is that mistake
+const KNOWN_AT_ONE = 0.03; // where one light sample is taken, whose noise hides as much
+const PARTS = 6;
+const COARSE_GRID = 8;
+const FINE_GRID = 12;
+const FEW_CELLS = 0.03; // of the cells may be anything, where it is asked whether a hypothesis holds in all
+const LOCAL = 30; // gain of that from which it does not
+const FINALISTS = 12;
+const FAR_BEHIND = 80;
+const SEEDS = 8;
+const MOST_MISTAKES = 4;
 /* What is tried together with samples that fall beside the light. */
-const WEIGHTS_WITH_DOMAIN = ["std", "pdf_times_cos", "no_light_cosine", "no_receiver_cosine",
-  "cos_of_cos_receiver", "distance_not_squared", "distance_omitted"];
+const WEIGHTS_WITH_DOMAIN = [
+  "std",
+  "pdf_times_cos",
+  "no_light_cosine",
+  "no_receiver_cosine",
+  "cos_of_cos_receiver",
+  "distance_not_squared",
+  "distance_omitted",
+];
 
 /* progress(share): told how far the search is. */
 async function diagnose(view, progress) {
@@ -29,15 +50,18 @@ class Search {
   constructor(view, progress) {
     Object.assign(this, { view, progress, scored: new Map(), variants: new Map(), held: new Map() });
     this.many = view.picture.pixelSamples > 1;
-    this.known = this.singles().filter((v) => wrongOf(v).length && !this.isPower(v))
-      .map((v) => constant(v, view.scene.light, view.picture.lightSamples)).filter((k) => k !== null && k > 0);
+    this.known = this.singles()
+      .filter((v) => wrongOf(v).length && !this.isPower(v))
+      .map((v) => constant(v, view.scene.light, view.picture.lightSamples))
+      .filter((k) => k !== null && k > 0);
   }
 
   // -- scores
 
   score(view, variant, loose = 0) {
     const key = `${nameOf(variant)} ${view.quick} ${loose}`;
-    if (!this.held.has(key)) this.held.set(key, sum(view.loglik(this.found(view, variant), mayBeQuiet(variant), loose)));
+    if (!this.held.has(key))
+      this.held.set(key, sum(view.loglik(this.found(view, variant), mayBeQuiet(variant), loose)));
     return TEMPER * this.held.get(key) - this.price(variant);
   }
 
@@ -52,7 +76,8 @@ class Search {
     let price = 0;
     if (number === 1) {
       price = PRICE_ONE;
-      if (variant.generator !== RIGHT || choiceOf(variant, "weight").mistake === "receiver_cosine_unclamped") price += PRICE_DIFFUSE;
+      if (variant.generator !== RIGHT || choiceOf(variant, "weight").mistake === "receiver_cosine_unclamped")
+        price += PRICE_DIFFUSE;
     } else if (number) {
       price = PRICE_TWO + PRICE_MORE * (number - 2);
     }
@@ -67,7 +92,8 @@ class Search {
     for (const [name, variant] of news) {
       const price = this.price(variant);
       this.variants.set(name, variant);
-      this.scored.set(name, PARTS * (this.score(this.part, variant) + price) - price);  // what all cells would say
+      // what all cells would say
+      this.scored.set(name, PARTS * (this.score(this.part, variant) + price) - price);
     }
   }
 
@@ -81,16 +107,24 @@ class Search {
 
   /* With the brightness that fits best, unless a known mistake has that one. */
   withFactor(variant) {
-    const { part, part: { picture } } = this, factor = part.bestFactor(variant);
-    const near = Math.max(KNOWN, KNOWN_AT_ONE / Math.sqrt(picture.lightSamples * picture.pixelSamples),
-      0.5 / 255 / Math.max(quantile(part.mean(part.value), 0.9), 1 / 255));  // a dim picture has few levels
+    const {
+      part,
+      part: { picture },
+    } = this;
+    const factor = part.bestFactor(variant);
+    const near = Math.max(
+      KNOWN,
+      KNOWN_AT_ONE / Math.sqrt(picture.lightSamples * picture.pixelSamples),
+      0.5 / 255 / Math.max(quantile(part.mean(part.value), 0.9), 1 / 255),
+    ); // a dim picture has few levels
     return this.known.some((known) => Math.abs(factor / known - 1) < near) ? variant : { ...variant, factor };
   }
 
   // -- search
 
   async coarse() {
-    const { view } = this, ones = this.singles();
+    const { view } = this;
+    const ones = this.singles();
     this.part = await view.part(PARTS, COARSE_GRID);
     await this.tryAll([RIGHT_VARIANT, ...ones]);
     this.progress(0.45);
@@ -100,10 +134,15 @@ class Search {
       const shapes = ones.filter((v) => keyOf(v) !== STD);
       shapes.push(...["n_no_effect", "running_half"].map((average) => ({ ...RIGHT_VARIANT, average })));
       await this.tryAll(shapes.map((v) => this.withFactor(v)));
-      const seeds = new Map(this.ordered().filter((v) => mistakesOf(v).length).map((v) => ({ ...v, factor: 1 })).map((v) => [nameOf(v), v]));
+      const seeds = new Map(
+        this.ordered()
+          .filter((v) => mistakesOf(v).length)
+          .map((v) => ({ ...v, factor: 1 }))
+          .map((v) => [nameOf(v), v]),
+      );
       for (const [i, seed] of [...seeds.values()].slice(0, SEEDS).entries()) {
         await this.tryAll(this.pairs(seed));
-        this.progress(0.5 + 0.3 * (i + 1) / SEEDS);
+        this.progress(0.5 + (0.3 * (i + 1)) / SEEDS);
       }
     } else if (mistakesOf(best).length) {
       await this.tryAll(this.pairs({ ...best, factor: 1 }));
@@ -125,27 +164,45 @@ class Search {
   /* The relative error of its mean that fits best, and what saying so gains in score. */
   looseness(view, variant) {
     const own = this.score(view, variant);
-    const [gain, loose] = LOOSE.map((loose) => [this.score(view, variant, loose) - own, loose])
-      .reduce((a, b) => (b[0] > a[0] || (b[0] === a[0] && b[1] > a[1]) ? b : a));
+    const [gain, loose] = LOOSE.map((loose) => [this.score(view, variant, loose) - own, loose]).reduce(
+      (a, b) => (b[0] > a[0] || (b[0] === a[0] && b[1] > a[1]) ? b : a),
+    );
     return gain > 0 ? [loose, gain] : [0, gain];
   }
 
   /* What it gains in score if a few cells may be anything. */
   local(variant) {
-    const { view } = this, found = this.found(view, variant), quiet = mayBeQuiet(variant);
+    const { view } = this;
+    const found = this.found(view, variant);
+    const quiet = mayBeQuiet(variant);
     const own = view.loglik(found, quiet);
-    const free = view.loglik({
-      ...found, residualVariance: found.residualVariance.map((v) => v + 0.01), noiseVariance: found.noiseVariance.map((v) => v + 4),
-    }, quiet);
-    return TEMPER * sum(own.map((mine, c) => {
-      const a = mine + Math.log(1 - FEW_CELLS), b = free[c] + Math.log(FEW_CELLS);
-      return Math.max(a, b) + Math.log1p(Math.exp(-Math.abs(a - b))) - mine;
-    }));
+    const free = view.loglik(
+      {
+        ...found,
+        residualVariance: found.residualVariance.map((v) => v + 0.01),
+        noiseVariance: found.noiseVariance.map((v) => v + 4),
+      },
+      quiet,
+    );
+    return (
+      TEMPER *
+      sum(
+        own.map((mine, c) => {
+          const a = mine + Math.log(1 - FEW_CELLS);
+          const b = free[c] + Math.log(FEW_CELLS);
+          return Math.max(a, b) + Math.log1p(Math.exp(-Math.abs(a - b))) - mine;
+        }),
+      )
+    );
   }
 
   async fine() {
-    const { view } = this, ordered = this.ordered(), best = this.scored.get(nameOf(ordered[0]));
-    const finalists = ordered.slice(0, FINALISTS).filter((v) => this.scored.get(nameOf(v)) > best - FAR_BEHIND);
+    const { view } = this;
+    const ordered = this.ordered();
+    const best = this.scored.get(nameOf(ordered[0]));
+    const finalists = ordered
+      .slice(0, FINALISTS)
+      .filter((v) => this.scored.get(nameOf(v)) > best - FAR_BEHIND);
     for (const v of [RIGHT_VARIANT, ...ordered.filter((v) => !mistakesOf(v).length).slice(0, 2)]) {
       if (!finalists.some((other) => nameOf(other) === nameOf(v))) finalists.push(v);
     }
@@ -161,16 +218,25 @@ class Search {
       }
       losses.set(choice.mistake, top.score - found.get(nameOf(less)).score);
     }
-    const sure = [...losses].sort((a, b) => b[1] - a[1]).filter(([, loss]) => loss > ACCUSED).map(([name]) => name);
-    const hypotheses = [...found.values()].sort((a, b) => b.score - a.score), ranking = new Map();
+    const sure = [...losses]
+      .sort((a, b) => b[1] - a[1])
+      .filter(([, loss]) => loss > ACCUSED)
+      .map(([name]) => name);
+    const hypotheses = [...found.values()].sort((a, b) => b.score - a.score);
+    const ranking = new Map();
     for (const hypothesis of hypotheses) {
-      const names = mistakesOf(hypothesis.variant), key = `${names} ${names.length > 0 && hypothesis.variant.factor !== 1}`;
+      const names = mistakesOf(hypothesis.variant);
+      const key = `${names} ${names.length > 0 && hypothesis.variant.factor !== 1}`;
       if (!ranking.has(key)) ranking.set(key, hypothesis);
     }
     this.progress(0.95);
     const [loose, unexplained] = this.looseness(view, top.variant);
     return {
-      view, ranking: [...ranking.values()], loose, unexplained, sure,
+      view,
+      ranking: [...ranking.values()],
+      loose,
+      unexplained,
+      sure,
       right: hypotheses.find((h) => !mistakesOf(h.variant).length),
       best: hypotheses[0],
       alike: this.alike(top.variant),
@@ -181,12 +247,22 @@ class Search {
 
   /* Names of those that foretell what the best one foretells. */
   alike(top) {
-    const own = this.scored.get(nameOf(top)), names = mistakesOf(top), same = new Map();
+    const own = this.scored.get(nameOf(top));
+    const names = mistakesOf(top);
+    const same = new Map();
     if (own === undefined) return [];
     for (const [name, score] of this.scored) {
-      const variant = this.variants.get(name), others = mistakesOf(variant);
-      if (others.length && others.length === names.length && variant.factor === top.factor && String(others) !== String(names)
-        && Math.abs(score - own) < PARTS && this.apart(variant, top) < 1) same.set(String(others), others);
+      const variant = this.variants.get(name);
+      const others = mistakesOf(variant);
+      if (
+        others.length &&
+        others.length === names.length &&
+        variant.factor === top.factor &&
+        String(others) !== String(names) &&
+        Math.abs(score - own) < PARTS &&
+        this.apart(variant, top) < 1
+      )
+        same.set(String(others), others);
     }
     return [...same.values()];
   }
@@ -194,7 +270,8 @@ class Search {
   /* Names, none of whose choices would show as an addition to what is right. */
   async hidden(top) {
     if (mistakesOf(top).length) return [];
-    const shown = new Map(), variants = this.singles(true);
+    const shown = new Map();
+    const variants = this.singles(true);
     await this.part.around.moments.prepare(keysOf([...variants, top]));
     for (const variant of variants) {
       for (const choice of wrongOf(variant)) {
@@ -215,14 +292,20 @@ class Search {
   /* One choice of the catalogue each, sound ones included. many: pictures might have several pixel
      samples. */
   singles(many = this.many) {
-    return CATALOGUE.filter((choice) => choice.name !== RIGHT && usable(choice, many))
-      .flatMap((choice) => widened(replaced(RIGHT_VARIANT, choice)));
+    return CATALOGUE.filter((choice) => choice.name !== RIGHT && usable(choice, many)).flatMap((choice) =>
+      widened(replaced(RIGHT_VARIANT, choice)),
+    );
   }
 
   /* With one mistake more, of another module. */
   pairs(variant) {
-    return CATALOGUE.filter((choice) => choice.mistake && [RIGHT, "offset_0", "offset_0_01"].includes(variant[choice.module])
-      && usable(choice, this.many) && sensible(replaced(variant, choice))).flatMap((choice) => widened(replaced(variant, choice)));
+    return CATALOGUE.filter(
+      (choice) =>
+        choice.mistake &&
+        [RIGHT, "offset_0", "offset_0_01"].includes(variant[choice.module]) &&
+        usable(choice, this.many) &&
+        sensible(replaced(variant, choice)),
+    ).flatMap((choice) => widened(replaced(variant, choice)));
   }
 }
 
@@ -231,7 +314,8 @@ function keysOf(variants) {
   const keys = new Set();
   for (const variant of variants) {
     keys.add(keyOf(variant));
-    if (field(choiceOf(variant, "visibility"), "target") || shadedApart(choiceOf(variant, "average"))) keys.add(unhidden(variant));
+    if (field(choiceOf(variant, "visibility"), "target") || shadedApart(choiceOf(variant, "average")))
+      keys.add(unhidden(variant));
   }
   return [...keys];
 }
@@ -243,7 +327,12 @@ function usable(choice, many) {
 
 /* Where the chance of a visible sample matters by itself, so does the small offset. */
 function widened(variant) {
-  if (choiceOf(variant, "average").macro !== SPLIT || variant.visibility !== RIGHT || variant.domain !== RIGHT) return [variant];
+  if (
+    choiceOf(variant, "average").macro !== SPLIT ||
+    variant.visibility !== RIGHT ||
+    variant.domain !== RIGHT
+  )
+    return [variant];
   return [RIGHT, "offset_0", "offset_0_01"].map((visibility) => ({ ...variant, visibility }));
 }
 
@@ -257,20 +346,32 @@ function mayBeQuiet(variant) {
 
 /* The factor by which a mistake changes all brightness, if that is all it does to the mean; else null. */
 function constant(variant, light, n) {
-  const [wrong, ...more] = wrongOf(variant), average = choiceOf(variant, "average");
-  if (!wrong || more.length || !["scale", "average"].includes(wrong.module) || average.macro === SPLIT) return null;
+  const [wrong, ...more] = wrongOf(variant);
+  const average = choiceOf(variant, "average");
+  if (!wrong || more.length || !["scale", "average"].includes(wrong.module) || average.macro === SPLIT)
+    return null;
   return brightness(light, variant, n) * weightsOf(average, n).one;
 }
 
 /* Not a pair that equals one of its mistakes. */
 function sensible(variant) {
-  const ray = choiceOf(variant, "visibility"), splits = choiceOf(variant, "average").macro === SPLIT, alone = wrongOf(variant).length === 1;
+  const ray = choiceOf(variant, "visibility");
+  const splits = choiceOf(variant, "average").macro === SPLIT;
+  const alone = wrongOf(variant).length === 1;
   if (splits && (field(ray, "target") || field(ray, "ignored") || field(ray, "apart"))) return false;
   if (variant.domain !== RIGHT) {
-    if (![RIGHT, "none"].includes(variant.visibility) || !WEIGHTS_WITH_DOMAIN.includes(variant.weight)) return false;
-    if (onePlace(variant) && (splits || ["n_no_effect", "running_half"].includes(variant.average)
-      || variant.clamp === "per_light_sample" || variant.generator !== RIGHT)) return false;
+    if (![RIGHT, "none"].includes(variant.visibility) || !WEIGHTS_WITH_DOMAIN.includes(variant.weight))
+      return false;
+    if (
+      onePlace(variant) &&
+      (splits ||
+        ["n_no_effect", "running_half"].includes(variant.average) ||
+        variant.clamp === "per_light_sample" ||
+        variant.generator !== RIGHT)
+    )
+      return false;
   }
-  if (variant.generator !== RIGHT || variant.scale === "normal_reversed") return alone;  // with another nearly every picture would be possible
+  // with another mistake nearly every picture would be possible
+  if (variant.generator !== RIGHT || variant.scale === "normal_reversed") return alone;
   return true;
 }

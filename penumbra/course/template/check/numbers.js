@@ -2,8 +2,8 @@
 
 const square = (x) => x * x;
 const clip = (x, low, high) => Math.min(Math.max(x, low), high);
-const radians = (degrees) => degrees * Math.PI / 180;
-const degrees = (radians) => radians * 180 / Math.PI;
+const radians = (degrees) => (degrees * Math.PI) / 180;
+const degrees = (radians) => (radians * 180) / Math.PI;
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const range = (count) => Array.from({ length: count }, (_, i) => i);
 /* Of numbers, of any length. */
@@ -12,7 +12,8 @@ const largest = (values) => values.reduce((top, value) => Math.max(top, value), 
 
 /* The entry that `key` makes smallest, the first of equals. */
 function least(entries, key) {
-  let best = entries[0], lowest = key(best);
+  let best = entries[0];
+  let lowest = key(best);
   for (const entry of entries.slice(1)) {
     const value = key(entry);
     if (value < lowest) [best, lowest] = [entry, value];
@@ -22,12 +23,16 @@ function least(entries, key) {
 
 /* Sorted by a key that is asked for once an entry. */
 function sorted(entries, key) {
-  return entries.map((entry) => [key(entry), entry]).sort((a, b) => a[0] - b[0]).map((pair) => pair[1]);
+  return entries
+    .map((entry) => [key(entry), entry])
+    .sort((a, b) => a[0] - b[0])
+    .map((pair) => pair[1]);
 }
 
 function quantile(values, share) {
   const ordered = Float64Array.from(values).sort();
-  const at = share * (ordered.length - 1), below = Math.floor(at);
+  const at = share * (ordered.length - 1);
+  const below = Math.floor(at);
   const above = Math.min(below + 1, ordered.length - 1);
   return ordered[below] + (at - below) * (ordered[above] - ordered[below]);
 }
@@ -41,17 +46,21 @@ function geometric(low, high, count) {
 /* The numbers 0 to count - 1, shuffled as numpy.random.default_rng(1).permutation(count) does, so
    that the page looks at the very cells that `penumbra check` looks at (PCG64). */
 function permutation(count) {
-  const WHOLE = (1n << 128n) - 1n, HALF = (1n << 64n) - 1n;
+  const WHOLE = (1n << 128n) - 1n;
+  const HALF = (1n << 64n) - 1n;
   const increment = 194290289479364712180083596243593368443n;
-  let state = 207833532711051698738587646355624148094n, kept = null;
-  const next = () => {  // 32 bits
+  let state = 207833532711051698738587646355624148094n;
+  let kept = null;
+  const next = () => {
+    // 32 bits
     if (kept !== null) {
       const high = kept;
       kept = null;
       return high;
     }
     state = (state * 47026247687942121848144207491837523525n + increment) & WHOLE;
-    const folded = (state >> 64n) ^ (state & HALF), turn = state >> 122n;
+    const folded = (state >> 64n) ^ (state & HALF);
+    const turn = state >> 122n;
     const bits = ((folded >> turn) | (folded << (64n - turn))) & HALF;
     kept = Number(bits >> 32n);
     return Number(bits & 0xffffffffn);
@@ -70,31 +79,36 @@ function permutation(count) {
 
 /* Of each pixel, what `over` makes of the (before + 1 + after)^2 pixels about it that are there. */
 function windowed(values, width, height, before, after, over) {
-  const rows = values.slice(), found = values.slice();
+  const rows = values.slice();
+  const found = values.slice();
   for (let y = 0, i = 0; y < height; y++) {
     for (let x = 0; x < width; x++, i++) {
       let value = values[i];
-      for (let k = Math.max(-before, -x); k <= Math.min(after, width - 1 - x); k++) value = over(value, values[i + k]);
+      for (let k = Math.max(-before, -x); k <= Math.min(after, width - 1 - x); k++)
+        value = over(value, values[i + k]);
       rows[i] = value;
     }
   }
   for (let y = 0, i = 0; y < height; y++) {
     for (let x = 0; x < width; x++, i++) {
       let value = rows[i];
-      for (let k = Math.max(-before, -y); k <= Math.min(after, height - 1 - y); k++) value = over(value, rows[i + k * width]);
+      for (let k = Math.max(-before, -y); k <= Math.min(after, height - 1 - y); k++)
+        value = over(value, rows[i + k * width]);
       found[i] = value;
     }
   }
   return found;
 }
 
-const MOST = (a, b) => (a > b ? a : b), LEAST = (a, b) => (a < b ? a : b);
+const MOST = (a, b) => (a > b ? a : b);
+const LEAST = (a, b) => (a < b ? a : b);
 
 /* Bytes of 0 and 1, grown by so many pixels, where mask (if given) lets them. */
 function dilated(shown, width, height, times, mask = null) {
   let found = shown;
   for (let k = 0; k < times; k++) {
-    const grown = windowed(found, width, height, 1, 1, MOST), now = found;
+    const grown = windowed(found, width, height, 1, 1, MOST);
+    const now = found;
     found = grown.map((value, i) => (!mask || mask[i] ? value : now[i]));
   }
   return found;

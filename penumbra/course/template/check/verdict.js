@@ -1,41 +1,65 @@
 /* The word that a student gets: right, wrong or cannot tell, why, and what to do next. Texts are left
    to the page (drop.js): here are their keys, and the values in them. */
 
-const WRONG = "wrong", CANNOT_TELL = "cannot tell", UNKNOWN = "unknown";
-const STRANGE = 0.3;  // unexplained pixels per pixel of outline from which a picture shows another scene
-const DESPITE = 300;  // gain from which a mistake is named even so
-const BLIND = 0.1;  // a check that would miss a brightness off by so much says nothing
-const NEAR = 0.02;  // brightness that no mistake explains, within which a picture may still be right
-const HOPELESS = 1e6;  // odds against from which another explanation is not worth a word
-const SURE = 0.9;  // a picture of which less is sure is not called right
+const WRONG = "wrong";
+const CANNOT_TELL = "cannot tell";
+const UNKNOWN = "unknown";
+const STRANGE = 0.3; // unexplained pixels per pixel of outline from which a picture shows another scene
+const DESPITE = 300; // gain from which a mistake is named even so
+const BLIND = 0.1; // a check that would miss a brightness off by so much says nothing
+const NEAR = 0.02; // brightness that no mistake explains, within which a picture may still be right
+const HOPELESS = 1e6; // odds against from which another explanation is not worth a word
+const SURE = 0.9; // a picture of which less is sure is not called right
 const BLACK = 1.5 / 255;
-const COLOURLESS = "flat_colour_missing";  // the mistake that colours show, and no brightness
-const SLIGHT = 0.01;  // relative error of the mean below which a framework's own habits may be the reason
-const UNNAMED = 60;  // gain from which a picture is called wrong though no mistake explains it
+const COLOURLESS = "flat_colour_missing"; // the mistake that colours show, and no brightness
+const SLIGHT = 0.01; // relative error of the mean below which a framework's own habits may be the reason
+const UNNAMED = 60; // gain from which a picture is called wrong though no mistake explains it
 const FEW_PIXELS = 60;
 /* Scenes that show what the lab's does not. */
 const SHOWN_BY = {
   "tp3_sheared.json": ["area_by_norms"],
-  "tp3_two_quads.json": ["divided_inside_light_loop", "averaged_over_lights", "only_one_light", "flat_colour_squared"],
+  "tp3_two_quads.json": [
+    "divided_inside_light_loop",
+    "averaged_over_lights",
+    "only_one_light",
+    "flat_colour_squared",
+  ],
 };
 
 function verdictOf(diagnosis, miss) {
-  const { view, best: { variant: top } } = diagnosis, { picture } = view, n = picture.lightSamples;
-  const strange = isStrange(picture, miss), [brightness, samples] = detectable(view, diagnosis.right.variant);
-  const decided = decide(diagnosis, strange, brightness), shown = coloured(view).length ? [COLOURLESS] : [];
+  const {
+    view,
+    best: { variant: top },
+  } = diagnosis;
+  const { picture } = view;
+  const n = picture.lightSamples;
+  const strange = isStrange(picture, miss);
+  const [brightness, samples] = detectable(view, diagnosis.right.variant);
+  const decided = decide(diagnosis, strange, brightness);
+  const shown = coloured(view).length ? [COLOURLESS] : [];
   const confidence = confidenceOf(diagnosis, decided.verdict);
   const hidden = decided.verdict === "right" ? diagnosis.hidden.filter((name) => !shown.includes(name)) : [];
   const facts = factsOf(diagnosis, miss, strange, decided.verdict);
   if (decided.verdict === "right" && confidence < SURE) decided.verdict = CANNOT_TELL;
   return {
-    ...decided, confidence, facts, hidden,
+    ...decided,
+    confidence,
+    facts,
+    hidden,
     alike: decided.verdict === WRONG && !decided.mistakes.includes(UNKNOWN) ? diagnosis.alike : [],
     regions: regionsOf(view, baseOf(top, view)),
     effectiveSamples: effectiveSamples(diagnosis),
-    detectableBrightness: brightness, detectableSamples: samples * n,
+    detectableBrightness: brightness,
+    detectableSamples: samples * n,
     runnersUp: runnersUp(diagnosis),
     settle: settle(decided.verdict, view, strange, brightness, hidden),
-    loose: diagnosis.loose, scene: view.scene.name, lightSamples: n, pixelSamples: picture.pixelSamples, grid: view.grid, law: picture.law, variant: top,
+    loose: diagnosis.loose,
+    scene: view.scene.name,
+    lightSamples: n,
+    pixelSamples: picture.pixelSamples,
+    grid: view.grid,
+    law: picture.law,
+    variant: top,
     gain: diagnosis.best.score - diagnosis.right.score,
   };
 }
@@ -43,9 +67,17 @@ function verdictOf(diagnosis, miss) {
 /* verdict, sure names, perhaps, several. A free light is not fitted here: where `penumbra check`
    says where the light seems to be, this says "unknown" or that it cannot tell. */
 function decide(diagnosis, strange, brightness) {
-  const { view, best, right, sure } = diagnosis, top = best.variant, names = mistakesOf(top);
-  const word = (verdict, mistakes = [], perhaps = [], several = false) => ({ verdict, mistakes, perhaps, several });
-  const gain = best.score - right.score, named = names.length > 0 && gain > ACCUSED;
+  const { view, best, right, sure } = diagnosis;
+  const top = best.variant;
+  const names = mistakesOf(top);
+  const word = (verdict, mistakes = [], perhaps = [], several = false) => ({
+    verdict,
+    mistakes,
+    perhaps,
+    several,
+  });
+  const gain = best.score - right.score;
+  const named = names.length > 0 && gain > ACCUSED;
   let unexplained = diagnosis.unexplained > ACCUSED;
   if (named) {
     const off = diagnosis.unexplained > ACCUSED / 3 && diagnosis.loose >= SLIGHT;
@@ -92,7 +124,8 @@ function baseOf(top, view) {
 
 /* Whether somebody would type such a power: a number of one or two digits, but for the fit's own error. */
 function plausiblePower(view, factor) {
-  const power = factor * Math.max(...view.scene.light.radiance), digits = Math.pow(10, Math.floor(Math.log10(power)) - 1);
+  const power = factor * Math.max(...view.scene.light.radiance);
+  const digits = Math.pow(10, Math.floor(Math.log10(power)) - 1);
   const near = view.picture.jpeg ? 0.012 : 0.006;
   return Math.abs(power / digits - Math.round(power / digits)) * digits < near * power;
 }
@@ -110,11 +143,17 @@ function isStrange({ background: shows, width }, miss) {
 /* The relative error of the mean, and the share of the light samples, whose expected gain is just
    what an accusation takes. */
 function detectable(view, variant) {
-  const found = view.heldAgainst(variant), wanted = (ACCUSED + PRICE_ONE) / TEMPER;
+  const found = view.heldAgainst(variant);
+  const wanted = (ACCUSED + PRICE_ONE) / TEMPER;
   const total = (of) => sum(range(view.cells).map((c) => 0.5 * (NU + 1) * Math.log1p(of(c) / NU)));
-  const gain = (delta) => total((c) => (found.mean[c] < 0.95 ? square(delta * found.mean[c]) / found.residualVariance[c] : 0));
-  const gainOfNoise = (ratio) => total((c) => (found.foretoldNoise[c] > 4 * Math.max(view.picture.quantisationVariance, 1e-9)
-    ? square(Math.log(ratio)) / found.noiseVariance[c] : 0));
+  const gain = (delta) =>
+    total((c) => (found.mean[c] < 0.95 ? square(delta * found.mean[c]) / found.residualVariance[c] : 0));
+  const gainOfNoise = (ratio) =>
+    total((c) =>
+      found.foretoldNoise[c] > 4 * Math.max(view.picture.quantisationVariance, 1e-9)
+        ? square(Math.log(ratio)) / found.noiseVariance[c]
+        : 0,
+    );
   const smallest = (of, low, high) => {
     if (of(high) < wanted) return high;
     for (let i = 0; i < 40; i++) {
@@ -130,26 +169,46 @@ function detectable(view, variant) {
    observed [0, 1]), its standard error, noise (observed over foretold variance within cells; 0: not
    known), trend of the ratio against the log distance from the light. */
 function regionsOf(view, right) {
-  const law = view.predict(right), { around, value, scene, picture } = view;
-  const { chance, first } = around.moments.get(STD), { point } = around.moments.sites, found = [];
-  const kindOf = (i) => (chance[i] < 0.001 || first[i] <= 0 ? "shadow" : chance[i] > 0.999 ? "lit" : "penumbra");
+  const law = view.predict(right);
+  const { around, value, scene, picture } = view;
+  const { chance, first } = around.moments.get(STD);
+  const { point } = around.moments.sites;
+  const found = [];
+  const kindOf = (i) =>
+    chance[i] < 0.001 || first[i] <= 0 ? "shadow" : chance[i] > 0.999 ? "lit" : "penumbra";
   scene.objects.forEach((thing, object) => {
     for (const kind of ["lit", "penumbra", "shadow"]) {
-      const use = range(value.length).filter((i) => view.objectId[i] === object && kindOf(i) === kind
-        && (kind === "shadow" || (law.mean[i] > 0.02 && law.mean[i] < 0.93)));
+      const use = range(value.length).filter(
+        (i) =>
+          view.objectId[i] === object &&
+          kindOf(i) === kind &&
+          (kind === "shadow" || (law.mean[i] > 0.02 && law.mean[i] < 0.93)),
+      );
       if (use.length < FEW_PIXELS) continue;
-      const total = (of) => use.reduce((all, i) => all + of(i), 0), seen = total((i) => value[i]);
-      const region = { kind, object: thing.name, ratio: seen / use.length, standardError: 0, noise: 0, trend: 0 };
+      const total = (of) => use.reduce((all, i) => all + of(i), 0);
+      const seen = total((i) => value[i]);
+      const region = {
+        kind,
+        object: thing.name,
+        ratio: seen / use.length,
+        standardError: 0,
+        noise: 0,
+        trend: 0,
+      };
       found.push(region);
       if (kind === "shadow") continue;
-      const mean = total((i) => law.mean[i]), varianceOf = (i) => law.variance[i] + picture.quantisationVariance;
+      const mean = total((i) => law.mean[i]);
+      const varianceOf = (i) => law.variance[i] + picture.quantisationVariance;
       region.ratio = seen / mean;
       region.standardError = Math.sqrt(total(varianceOf)) / mean;
       const far = new Map(use.map((i) => [i, Math.log(distanceTo(point, i, scene.light.corner))]));
       if (largest([...far.values()]) + largest([...far.values()].map((x) => -x)) > 0.2 && region.ratio > 0) {
         // a line through the ratios, weighed by the mean
-        const x0 = total((i) => law.mean[i] * far.get(i)) / mean, each = (i) => clip(value[i] / law.mean[i], 0, 10);
-        const slope = total((i) => law.mean[i] * (far.get(i) - x0) * each(i)) / total((i) => law.mean[i] * square(far.get(i) - x0));
+        const x0 = total((i) => law.mean[i] * far.get(i)) / mean;
+        const each = (i) => clip(value[i] / law.mean[i], 0, 10);
+        const slope =
+          total((i) => law.mean[i] * (far.get(i) - x0) * each(i)) /
+          total((i) => law.mean[i] * square(far.get(i) - x0));
         region.trend = slope / region.ratio;
       }
       region.noise = noiseOf(view, use, (i) => value[i] - law.mean[i], varianceOf);
@@ -164,21 +223,26 @@ function noiseOf(view, use, residual, variance) {
   let all = 0;
   for (const i of use) {
     const cell = cells.get(view.cell[i]) || { count: 0, one: 0, two: 0, foretold: 0 };
-    cell.count++, cell.one += residual(i), cell.two += square(residual(i)), cell.foretold += variance(i);
+    cell.count++;
+    cell.one += residual(i);
+    cell.two += square(residual(i));
+    cell.foretold += variance(i);
     all += variance(i);
     cells.set(view.cell[i], cell);
   }
   const full = [...cells.values()].filter((cell) => cell.count >= 6);
   if (!full.length || all / use.length < 4 * view.picture.quantisationVariance) return 0;
-  const within = ({ count, one, two }) => (two / count - square(one / count)) * count / (count - 1);
+  const within = ({ count, one, two }) => ((two / count - square(one / count)) * count) / (count - 1);
   return sum(full.map(within)) / sum(full.map((cell) => cell.foretold / cell.count));
 }
 
 /* The number of light samples that the noise is that of, by the penumbrae. */
 function effectiveSamples({ view, best: { variant: top } }) {
-  const n = view.picture.lightSamples, factor = mistakesOf(top).length ? 1 : top.factor;
-  const found = regionsOf(view, { ...RIGHT_VARIANT, factor }).filter((r) => r.kind === "penumbra" && r.noise > 0 && r.ratio > 0)
-    .map((r) => n * square(r.ratio) / r.noise);
+  const n = view.picture.lightSamples;
+  const factor = mistakesOf(top).length ? 1 : top.factor;
+  const found = regionsOf(view, { ...RIGHT_VARIANT, factor })
+    .filter((r) => r.kind === "penumbra" && r.noise > 0 && r.ratio > 0)
+    .map((r) => (n * square(r.ratio)) / r.noise);
   return found.length ? median(found) : n;
 }
 
@@ -186,7 +250,8 @@ function effectiveSamples({ view, best: { variant: top } }) {
 function confidenceOf({ best, ranking, unexplained }, word) {
   if (word === CANNOT_TELL) return 0.5;
   const loose = Math.exp(Math.min(unexplained, 700));
-  let same = word === WRONG ? loose : 0, other = word === WRONG ? 0 : loose;
+  let same = word === WRONG ? loose : 0;
+  let other = word === WRONG ? 0 : loose;
   for (const { variant, score } of ranking) {
     const weight = Math.exp(score - best.score);
     if (mistakesOf(variant).length > 0 === (word === WRONG)) same += weight;
@@ -197,27 +262,43 @@ function confidenceOf({ best, ranking, unexplained }, word) {
 
 function runnersUp({ best, ranking }) {
   const own = mistakesOf(best.variant);
-  const others = ranking.map(({ variant, score }) => ({ names: mistakesOf(variant), odds: Math.exp(Math.min(best.score - score, 700)) }));
-  return others.filter(({ names }) => String(names) !== String(own) && (!own.length || !own.every((name) => names.includes(name))))
-    .slice(0, 3).filter(({ odds }) => odds < HOPELESS);
+  const others = ranking.map(({ variant, score }) => ({
+    names: mistakesOf(variant),
+    odds: Math.exp(Math.min(best.score - score, 700)),
+  }));
+  return others
+    .filter(
+      ({ names }) =>
+        String(names) !== String(own) && (!own.length || !own.every((name) => names.includes(name))),
+    )
+    .slice(0, 3)
+    .filter(({ odds }) => odds < HOPELESS);
 }
 
 /* Of the picture, no faults of the light: code, the page's text for it, values. */
 function factsOf(diagnosis, miss, strange, word) {
-  const { view } = diagnosis, { picture, scene } = view, facts = [...gridFacts(view.grid, scene), ...picture.facts];
+  const { view } = diagnosis;
+  const { picture, scene } = view;
+  const facts = [...gridFacts(view.grid, scene), ...picture.facts];
   if (strange) facts.push({ code: "geometry", text: "geometry", values: { miss } });
   for (const thing of scene.objects.filter(({ name }) => name in view.recoloured)) {
     const shares = (rgb) => ({ list: rgb.map((c) => c / Math.max(...rgb, 1e-9)), format: ".2g" });
     facts.push({
-      code: `colours ${thing.name}`, text: "colours",
-      values: { object: thing.name, colour: shares(view.recoloured[thing.name]), stated: shares(thing.color) },
+      code: `colours ${thing.name}`,
+      text: "colours",
+      values: {
+        object: thing.name,
+        colour: shares(view.recoloured[thing.name]),
+        stated: shares(thing.color),
+      },
     });
   }
   if (picture.jpeg) facts.push({ code: "jpeg", text: "jpeg", values: {} });
   const { factor } = (word === "right" ? diagnosis.right : diagnosis.best).variant;
   if (factor !== 1 && word !== CANNOT_TELL) {
-    const stated = Math.max(...scene.light.radiance), close = Number((stated * factor).toPrecision(2));
-    const power = Math.abs(stated * factor / close - 1) < 0.006 ? close : stated * factor;
+    const stated = Math.max(...scene.light.radiance);
+    const close = Number((stated * factor).toPrecision(2));
+    const power = Math.abs((stated * factor) / close - 1) < 0.006 ? close : stated * factor;
     facts.push({ code: "power", text: "power", values: { power, stated } });
   }
   const times = word === "right" ? effectiveSamples(diagnosis) / picture.lightSamples : 0;
@@ -229,11 +310,13 @@ function factsOf(diagnosis, miss, strange, word) {
 
 /* What would settle it, or show more: keys of WORDS and values. */
 function settle(word, view, strange, brightness, hidden) {
-  const said = [], add = (key, values = {}) => said.push({ text: key, values });
+  const said = [];
+  const add = (key, values = {}) => said.push({ text: key, values });
   if (strange) add("settle_camera", { scene: `scenes/${view.scene.name}.json` });
   if (word === CANNOT_TELL && view.picture.jpeg) add("settle_png");
   if (word === CANNOT_TELL && brightness > BLIND) add("settle_size");
   if (view.picture.lightSamples < 16) add("settle_n");
-  for (const [scene, shows] of Object.entries(SHOWN_BY)) if (shows.some((name) => hidden.includes(name))) add("settle_scene", { scene });
+  for (const [scene, shows] of Object.entries(SHOWN_BY))
+    if (shows.some((name) => hidden.includes(name))) add("settle_scene", { scene });
   return said;
 }
