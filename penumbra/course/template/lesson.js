@@ -400,9 +400,9 @@ class RaySketch {
     const line = (x1, y1, x2, y2, name) => svg.append(drawn("line", { x1, y1: -y1, x2, y2: -y2, class: name }));
     const label = (at_x, at_y, text, name = "") => svg.append(drawn("text", { x: at_x, y: -at_y, class: name }, text));
     svg.replaceChildren();
-    svg.setAttribute("aria-label", say(
-      "A drawing: the floor, the sphere and the light seen from the side. The ray from x to y is {state}.",
-      { state: free ? say("free") : say("hidden by the sphere") }));
+    svg.setAttribute("aria-label", free
+      ? say("A drawing: the floor, the sphere and the light seen from the side. The ray from x to y is free.")
+      : say("A drawing: the floor, the sphere and the light seen from the side. The sphere hides y from x."));
     for (const [from, to, name] of [[-3.9, -penumbra, "zone-lit"], [-penumbra, -umbra, "zone-penumbra"],
       [-umbra, umbra, "zone-umbra"], [umbra, penumbra, "zone-penumbra"], [penumbra, 3.9, "zone-lit"]]) {
       svg.append(drawn("rect", { x: from, y: 2, width: to - from, height: 0.3, class: name }));
