@@ -43,6 +43,8 @@ LABEL = re.compile(r'\bdata-label="([^"{]+)"')
 HEADING = re.compile(r"#{1,6} |=+ ")
 ANCHOR = re.compile(r"\{#([\w-]+)\}")
 AGREED = LOCALE / "fr" / "agreed.json"
+CHANCE = re.compile(rb'^"(?!Language:|Plural|MIME|Content)[A-Z][A-Za-z-]+:.*\n', re.M)
+"""Lines of the header that would say nothing, or something else each time"""
 ALIKE = 0.85
 """Texts that differ by less are thought to be one, reworded"""
 Message: TypeAlias = tuple[int, str | None, Any, list[str]]
@@ -90,9 +92,11 @@ def update() -> None:
         ):
             message.string = gone[like]
             message.flags.add("fuzzy")
-    with PO.open("wb") as stream:
-        write_po(stream, whole, width=0, sort_by_file=True, ignore_obsolete=True,
-                 include_lineno=False)  # fmt: skip
+    whole.header_comment = "# What Penumbra says in French: docs/translating.md."
+    text = io.BytesIO()
+    write_po(text, whole, width=0, sort_by_file=True, ignore_obsolete=True, include_lineno=False)
+    header, _, entries = text.getvalue().partition(b"\n\n")
+    PO.write_bytes(CHANCE.sub(b"", header) + b"\n\n" + entries)
 
 
 # ---------------------------------------------------------------- whole texts

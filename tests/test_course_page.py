@@ -303,6 +303,16 @@ def test_without_scripts_the_lesson_reads(opened: Callable[..., Page]) -> None:
     assert "Largest where half" in tab.inner_text("#umbra .answer")
 
 
+def test_without_webassembly_figures_stay_pictures(opened: Callable[..., Page]) -> None:
+    tab = opened("en")
+    tab.add_init_script("delete window.WebAssembly")
+    tab.reload()
+    tab.wait_for_selector("figure.live.still")
+    assert tab.locator("figure.live.still img").count() == len(STEPS)
+    assert tab.locator("#lesson input:visible, #lesson .panel").count() == 0
+    assert tab.locator(".opening .without").is_visible()
+
+
 def test_keyboard_alone_reaches_and_moves_every_control(opened: Callable[..., Page]) -> None:
     tab = opened()
     for step in STEPS:

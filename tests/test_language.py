@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from babel.messages.catalog import Message
 
+import penumbra
 from penumbra import translation
 from penumbra.__main__ import main
 from penumbra.compare.check.catalogue import catalogue
@@ -36,6 +37,7 @@ CODE = re.compile(
     r"|<code>.*?</code>|<pre>.*?</pre>|</?\w[^>]*>"
     r"|\$[^$]*\$"  # formulas of Markdown and Typst
     r"|\{#[^}]*\}|\{\{|\}\}|\{[^{}]*\}|%\(\w+\)s|%%"  # anchors, placeholders
+    r"|\b\d{1,2}(?:,\d{1,2}(?:\.\d+)?){2,}(?![\d,])"  # a list, as it is typed
     r"|https?://\S+|\]\([^)]*\)"
     r"|&#?\w+;"
     r"|--[\w-]+|\bpenumbra \w+ [\w/.{} -]*--\w+ \w+"  # options, commands
@@ -46,7 +48,8 @@ CODE = re.compile(
 TYPST = re.compile(
     r"^#(?:import|let|show|set)\b.*$|#[\w.-]+(?:\(|\[)|\"index\.html[^\"]*\"|//.*$"
     r"|(?:^\s*|[(,]\s*)(?:[a-z_][\w-]*|\"\w*\"):"  # a key, an argument's name
-    r"|(?:\b[\w-]+: )?\b\d+(?:\.\d+)?(?:pt|em|fr|cm|mm)\b",  # a length
+    r"|(?:\b[\w-]+: )?\b\d+(?:\.\d+)?(?:pt|em|fr|cm|mm)\b"  # a length
+    r"|\b[\w-]+: (?:true|false|none|auto)\b",
     re.M,
 )
 VERSION = re.compile(r"\b(?:Python|bpy|WCAG|noyau|à partir de|from) \d+(?:\.\d+)+")
@@ -301,7 +304,7 @@ def test_check_in_french_differs_from_english_in_texts_only(
     found = {}
     for chosen in LANGUAGES:
         file = tmp_path / f"{chosen}.json"
-        command = ["check", str(picture), "--lang", chosen, "--light-samples", "4"]
+        command = ["check", str(picture), "--lang", chosen, "--light-samples", "64"]
         assert main([*command, "--json", str(file)]) == 1
         found[chosen] = json.loads(file.read_text("utf-8"))
     english, french = (list(leaves(found[chosen])) for chosen in LANGUAGES)
@@ -325,19 +328,17 @@ def test_environment_speaks_french_and_the_option_overrides_it(picture: Path) ->
     assert french.returncode == english.returncode == 2
 
 
-@pytest.mark.parametrize("hint", [0, 1, 3])
 def test_grade_speaks_french_on_any_worker_and_writes_the_same_bytes(
-    picture: Path, hint: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    picture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By --lang or by the environment, by a process of its own or a worker's: one text."""
     folder = tmp_path / "class"
     for name in ("dupont", "durand"):
         (folder / name).mkdir(parents=True)
-        (folder / name / "n4_m1.png").write_bytes(picture.read_bytes())  # it has 16: not right
+        (folder / name / "n64_m1.png").write_bytes(picture.read_bytes())  # it has 16
     (folder / "empty").mkdir()
     outs = [tmp_path / "one", tmp_path / "two"]
-    command = ["grade", str(folder), "--hint", str(hint), "--jobs", "1", "-o"]
+    command = ["grade", str(folder), "--hint", "3", "--jobs", "1", "-o"]
     assert main([*command, str(outs[0]), "--lang", "fr"]) == 0
     monkeypatch.setenv("LANG", "fr_FR.UTF-8")
     assert main([*command, str(outs[1])]) == 0
@@ -358,9 +359,7 @@ def test_grade_speaks_french_on_any_worker_and_writes_the_same_bytes(
         assert not re.search(r"\b(of|points and|wrong|light is)\b", visible(html)), name
 
 
-def test_export_speaks_the_language_of_the_grades(
-    picture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_export_speaks_the_language_of_the_grades(picture: Path, tmp_path: Path) -> None:
     folder = tmp_path / "dupont"
     folder.mkdir()
     (folder / "n16_m1.png").write_bytes(picture.read_bytes())
@@ -375,6 +374,15 @@ def test_export_speaks_the_language_of_the_grades(
             rf"^Comment :=>>-{title}{NO_BREAK if title == 'Note' else ''}: ", said, re.M
         )
         assert re.search(r"^Grade :=>> \d+$", said, re.M)  # VPL's own word
+
+
+def test_assertions_speak_the_language_of_the_environment(
+    picture: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LANG", "fr_FR.UTF-8")
+    with pytest.raises(penumbra.Refuted, match=f"^FAUX{NO_BREAK}: la lumière") as raised:
+        penumbra.assert_right(picture, light_samples=64, hint=2)
+    assert not list(typography(str(raised.value)))
 
 
 # ---------------------------------------------------------------- what is looked for

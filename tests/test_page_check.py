@@ -156,8 +156,7 @@ def test_page_says_what_the_command_says(tab: Page, tmp_path: Path) -> None:
         # of light that is fitted to places the page knows nothing
         free = mine.diagnosis.light is not None and said in ("cannot tell", "wrong")
         gain = mine.diagnosis.best.score - mine.diagnosis.right.score
-        # JPEG may be read a level off
-        near = 1e-3 * max(abs(gain), 1) + 0.05 * s.file.startswith("jpg")
+        near = 1e-3 * max(abs(gain), 1)
         same = said == verdict.verdict and tuple(ours["mistakes"]) == verdict.mistakes
         agrees = same and abs(ours["gain"] - gain) < near
         agrees = agrees and [f["code"] for f in ours["facts"]] == [c for c, _ in verdict.facts]

@@ -3,7 +3,7 @@
    JSON. Out: { progress }, { ask } for moments, which the page answers with { moments }, and at last
    { verdict }, { refused } (a key of REFUSALS and values) or { error }. */
 
-const MOST_PIXELS = 1 << 23;
+const MOST_PIXELS = 1 << 21; // a page has less memory than the command, which takes four times as many
 const FEWEST_CELLS = 20;
 
 class Refused extends Error {
