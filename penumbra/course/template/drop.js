@@ -159,6 +159,7 @@ function countsInName(name) {
         said.push([off, text]);
       }
     }
+    if (found.beside > 0.05) said.push([2, word("free_light", { outside: found.beside })]);
     const { lightSamples: n, effectiveSamples: effective } = found;
     if (effective < 0.7 * n && n > 1)
       said.push([1, word("noise_of", { n, effective: Math.max(effective, 1) })]);
