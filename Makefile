@@ -129,10 +129,10 @@ FRENCH := penumbra/locale/fr/LC_MESSAGES/penumbra.mo
 	.venv/bin/pybabel --quiet compile --input-file $< --output-file $@.part && mv $@.part $@
 build: $(FRENCH)
 
-## words : gather what is to be translated in penumbra/locale/*/*/*.po; docs/translating.md
+## words : gather what is to be translated, and note which texts agree: docs/translating.md
 .PHONY: words
 words: build/setup.run
-	.venv/bin/python -P -m penumbra.translation
+	.venv/bin/python -P -m penumbra.translation $(SAME)
 	@$(MAKE) --no-print-directory $(FRENCH)
 
 # ---------------------------------------------------------------- the experiment

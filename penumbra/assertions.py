@@ -8,6 +8,7 @@ scene, raises what the rest of Penumbra raises (a ValueError that names the file
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import shlex
@@ -15,9 +16,9 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, ParamSpec, TypeAlias
 
-from penumbra.language import N_, _, say
+from penumbra.language import N_, _, of_environment, say, speaking
 
 if TYPE_CHECKING:  # numpy and all that takes time is loaded by the first assertion
     import numpy as np
@@ -60,6 +61,22 @@ class CannotTell(NotShown):
     """The pictures neither show nor refute the claim; the text says what would settle it."""
 
 
+Arguments = ParamSpec("Arguments")
+
+
+def _spoken(assertion: Callable[Arguments, None]) -> Callable[Arguments, None]:
+    """It speaks the environment's language: nobody gives a test a --lang."""
+
+    @functools.wraps(assertion)
+    def speaks(*arguments: Arguments.args, **options: Arguments.kwargs) -> None:
+        __tracebackhide__ = True
+        with speaking(of_environment()):
+            assertion(*arguments, **options)
+
+    return speaks
+
+
+@_spoken
 def assert_right(
     images: Picture | Sequence[Picture],
     *,
@@ -108,6 +125,7 @@ def assert_right(
     )
 
 
+@_spoken
 def assert_agrees(
     image: Picture,
     reference: Picture,
@@ -152,6 +170,7 @@ def assert_agrees(
     )
 
 
+@_spoken
 def assert_noise_falls(
     render: Callable[[int, int], Picture] | Mapping[int, Sequence[Picture]],
     slope: float = -0.5,

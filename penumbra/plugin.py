@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from penumbra.language import say
-
 if TYPE_CHECKING:
     from penumbra.assertions import NotShown
 
@@ -63,11 +61,14 @@ def _not_shown(call: pytest.CallInfo[None]) -> NotShown | None:
 
 def _page(error: NotShown, file: Path) -> str:
     """Where the page is, or why there is none: a report must not fail for it."""
+    from penumbra.language import of_environment, say, speaking
+
     assert error.write_page is not None
-    try:
-        error.write_page(file.absolute())
-    except (ImportError, OSError, ValueError, RuntimeError) as why:
-        return say("none: {why}", why=why)
+    with speaking(of_environment()):
+        try:
+            error.write_page(file.absolute())
+        except (ImportError, OSError, ValueError, RuntimeError) as why:
+            return say("none: {why}", why=why)
     return str(file)
 
 

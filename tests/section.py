@@ -12,12 +12,12 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from babel.messages.extract import extract_from_file
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from penumbra.report.build import TEMPLATES, Rendered, rendered, spoken
 from penumbra.report.inputs import Data, read_inputs
 from penumbra.report.sections import SECTIONS, Section, inputs_of
+from penumbra.translation import found
 from tests.conftest import ROOT
 
 AXE = {
@@ -25,32 +25,16 @@ AXE = {
     "resultTypes": ["violations"],
 }
 """WCAG 2.2 AA"""
-WORDED = ("report/*.py", "compare/studies/*.py", "compare/measure/statistics.py")
-"""What the report says stands there, in penumbra/, in its templates, and in the benchmark."""
+WORDED = ("penumbra/report/", "penumbra/compare/studies/", "penumbra/compare/measure/", "bench/")
+"""Where it stands what the report says"""
 INLINE = re.compile(r"</?(?:a|b|code|dfn|em|i|kbd|small|span|sub|sup)\b[^>]*>")
 
 
 @cache
 def texts() -> frozenset[str]:
     """Every text that the report can say, in English."""
-    python = [f for pattern in WORDED for f in (ROOT / "penumbra").glob(pattern)]
-    keywords = {"_": None, "N_": None, "say": None}
-    found = [
-        text
-        for file in (*python, ROOT / "bench" / "page.py")
-        for _, text, _, _ in extract_from_file("python", str(file), keywords=keywords)
-    ]
-    found += [
-        text
-        for file in TEMPLATES.glob("*.html.j2")
-        for _, text, _, _ in extract_from_file(
-            "jinja2.ext:babel_extract", str(file), keywords=keywords,
-            options={"trim_blocks": "true", "lstrip_blocks": "true"},
-        )
-    ]  # fmt: skip
-    for file in TEMPLATES.glob("*.js"):
-        found += re.findall(r'\bsay\("([^"]+)"', file.read_text())
-    return frozenset(text if isinstance(text, str) else text[0] for text in found)
+    messages = [m for m in found() if any(file.startswith(WORDED) for file, _ in m.locations)]
+    return frozenset(m.id if isinstance(m.id, str) else m.id[0] for m in messages)
 
 
 def words_of(page: str) -> str:
@@ -81,8 +65,8 @@ def data_of(name: str, build_dir: Path) -> Data:
 
 def rendered_section(name: str, build_dir: Path) -> Rendered | None:
     """None: left out."""
-    found = rendered([section(name)], data_of(name, build_dir))
-    return found[0] if found else None
+    shown = rendered([section(name)], data_of(name, build_dir))
+    return shown[0] if shown else None
 
 
 @contextmanager

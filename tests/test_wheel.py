@@ -149,6 +149,13 @@ def test_it_checks_a_picture_as_the_repository_does(
     assert f"check/{name}_n016.png\n{checked.stdout}" in readme
 
 
+def test_it_speaks_french(bare: Environment) -> None:
+    """The compiled texts come along; only those who translate need Babel."""
+    checked = bare.penumbra("check", PICTURES / "wrong_n016.png", "--lang", "fr", "--hint", "0")
+    assert checked.returncode == 1
+    assert checked.stdout.startswith("FAUX\u00a0: la lumière n’est pas calculée correctement.")
+
+
 def test_its_c_library_is_loaded(bare: Environment) -> None:
     code = "from penumbra.compare.check import mistaken as m; m.opened(); print(m.LIBRARY)"
     loaded = bare.run("-I", "-c", code)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from penumbra.compare.run.tasks import Scheduler
 
 from penumbra.compare.run.provenance import ROOT
-from penumbra.language import LANGUAGES
+from penumbra.language import LANGUAGES, _, say
 
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 IMAGE_FILES = ".exr, .pfm, .hdr, .png, .jpg or .bmp"
@@ -42,7 +42,7 @@ def sample_counts(text: str) -> tuple[int, ...]:
             raise ValueError
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f'"{text}" is neither a list like 1,4,16 nor doublings like 1..4096'
+            say('"{text}" is neither a list like 1,4,16 nor doublings like 1..4096', text=text)
         ) from None
     return tuple(counts)
 
@@ -50,7 +50,9 @@ def sample_counts(text: str) -> tuple[int, ...]:
 def positive(text: str) -> int:
     value = int(text) if text.strip().isdecimal() else 0
     if value < 1:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a whole number of 1 or more')
+        raise argparse.ArgumentTypeError(
+            say('"{text}" is not a whole number of 1 or more', text=text)
+        )
     return value
 
 
@@ -64,7 +66,9 @@ def seconds(text: str) -> float:
     except ValueError:
         value = 0.0
     if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a number of seconds above 0')
+        raise argparse.ArgumentTypeError(
+            say('"{text}" is not a number of seconds above 0', text=text)
+        )
     return value
 
 
@@ -78,7 +82,9 @@ def errors(text: str) -> tuple[float, ...]:
     except ValueError:
         values = [0.0]
     if not all(0 < value < 1 for value in values):
-        raise argparse.ArgumentTypeError(f'"{text}" is not a list of percentages like 3,1,0.3')
+        raise argparse.ArgumentTypeError(
+            say('"{text}" is not a list of percentages like 3,1,0.3', text=text)
+        )
     return tuple(values)
 
 
@@ -143,7 +149,9 @@ def course_of(options: argparse.Namespace) -> str:
         return str(given).partition("#")[0]
     file = Path(given) / "index.html" if Path(given).is_dir() else Path(given)
     if not file.is_file():
-        raise UsageError(f"course {given}: neither a URL (http, https, file) nor a page's file")
+        raise UsageError(
+            say("course {given}: neither a URL (http, https, file) nor a page's file", given=given)
+        )
     return file.resolve().as_uri()
 
 
@@ -204,8 +212,8 @@ def scheduler_of(options: argparse.Namespace) -> Scheduler | None:
     keys = (options.tls_ca, options.tls_cert, options.tls_key)
     if options.scheduler is None:
         if any(keys):
-            raise UsageError("--tls-ca, --tls-cert and --tls-key go with --scheduler")
+            raise UsageError(_("--tls-ca, --tls-cert and --tls-key go with --scheduler"))
         return None
     if getattr(options, "jobs", None):
-        raise UsageError("--jobs is of this machine: leave it out with --scheduler")
+        raise UsageError(_("--jobs is of this machine: leave it out with --scheduler"))
     return Scheduler(options.scheduler, *keys)

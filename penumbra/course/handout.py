@@ -26,7 +26,7 @@ from penumbra.compare.run.provenance import ROOT, VERSION
 from penumbra.compare.scene import Plane, Scene, read_scene
 from penumbra.course.figures import LIGHT_SAMPLES, ONE, SOFT, Picture, commands, write_figures
 from penumbra.grading.rubric import read_rubric
-from penumbra.language import LANGUAGES, N_
+from penumbra.language import LANGUAGES, N_, _, speaking
 
 SOURCES = Path(__file__).resolve().parent / "handout"
 NOTEBOOK = Path(__file__).resolve().parent / "notebook" / "penumbra.ipynb"
@@ -49,10 +49,28 @@ LATENT = (
     ("quad_parametrisation_wrong", "domain", "diagonal", "check_low"),
 )
 """Mistakes that hardly show in tp3, each with its module and choice, and a scene that shows it"""
+SEEN = (
+    ("cos_of_cos", "weight", "cos_of_cos_light"),
+    ("pdf_times_cos", "weight", "pdf_times_cos"),
+)
+"""Mistakes, each with its module and choice, of which the notes say how bright tp3 becomes"""
 CHANGED = 4 / 255
 """By more than that a mistake changes the mean of a pixel that it changes"""
 EQUAL_RAYS = ((4, 1), (4, 16), (64, 1))
 """Light and pixel samples that answer the question about anti-aliasing"""
+
+
+def handouts(build_dir: Path) -> dict[str, Any]:
+    """What the page's template finds under `handouts`: of each file its name and title, by
+    language."""
+    files = []
+    for file, title in HANDED_OUT:
+        one = {}
+        for chosen in LANGUAGES:
+            with speaking(chosen):
+                one[chosen] = {"name": file.format(language=chosen), "title": _(title)}
+        files.append(one)
+    return {"files": files}
 
 
 def write_handouts(out: Path) -> None:
@@ -139,6 +157,7 @@ def numbers(rendered: Mapping[str, Image], images: Path) -> dict[str, Any]:
         "places": floor_radiance(read_scene(SCENES / "tp3.json")),
         "saturated": float((exact[lit].max(axis=-1) > 1).mean()),
         "frequencies": frequencies(),
+        "seen": {name: brightness(module, choice) for name, module, choice in SEEN},
         "latent": {
             name: {
                 "scene": scene_name,
@@ -171,6 +190,21 @@ def floor_radiance(scene: Scene) -> list[dict[str, Any]]:
         {"place": place, "radiance": float(value[0])}
         for place, value in zip(PLACES, radiance, strict=True)
     ]
+
+
+def brightness(module: str, choice: str) -> dict[str, float]:
+    """How many times as bright a mistake makes what is lit of tp3's floor and sphere. Raises
+    MissingProgramError."""
+    file, shape = SCENES / "tp3.json", (100, 150)
+    scene = read_scene(file)
+    exact = exact_image(scene, shape[1], shape[0])
+    mistaken = replace(Variant(), **{module: choice})  # type: ignore[arg-type]
+    radiance = render(file, mistaken, shape, 256, 1, seed=1)
+    return {
+        name: float(radiance[lit].sum() / exact.radiance[lit].sum())
+        for name in ("floor", "sphere")
+        for lit in [regions(scene, exact)[f"{name}:lit"]]
+    }
 
 
 def changed(scene: str, module: str, choice: str) -> float:

@@ -83,7 +83,7 @@ def museum(build_dir: Path) -> dict[str, Any]:
         groups[group_of(mistake)].append(_exhibit(mistake, made["exhibits"][mistake.name]))
     return {
         "groups": [
-            {"name": group, "title": both_said(title), "exhibits": groups[group]}
+            {"name": group, "title": both(title), "exhibits": groups[group]}
             for group, title in GROUPS.items()
         ],
         "rights": [
@@ -333,27 +333,28 @@ def code(choice: Choice) -> str:
 # What is said
 
 
-def both_said(text: str, sentence: bool = False, **values: Any) -> Markup:
+def both(text: str, sentence: bool = False, **values: Any) -> Markup:
     """A text in both languages, of which the page shows one; sentence: with a capital."""
     said = {}
     for chosen in LANGUAGES:
         with speaking(chosen):
             said[chosen] = say(text, **values) if values else _(text)
     if sentence:
-        said = {chosen: text[:1].upper() + text[1:] for chosen, text in said.items()}
+        said = {chosen: capitalised(text) for chosen, text in said.items()}
     if len(set(said.values())) == 1 and not re.search("[a-zA-Z]", said["en"]):
         return Markup("{}").format(said["en"])
     spans = (Markup('<span lang="{}">{}</span>').format(*item) for item in said.items())
     return Markup("").join(spans)
 
 
-def in_each(text: str, **values: Any) -> dict[str, str]:
-    """The same for an attribute."""
-    said = {}
-    for chosen in LANGUAGES:
-        with speaking(chosen):
-            said[chosen] = say(text, **values)
-    return said
+def capitalised(text: str) -> str:
+    """With a capital, but if it begins with a name of a program.
+
+    >>> capitalised("the light"), capitalised("nbLightSamples has no effect")
+    ('The light', 'nbLightSamples has no effect')
+    """
+    word = re.match(r"[^\W\d_]*(?![\w(])", text)
+    return text[:1].upper() + text[1:] if word and word[0].islower() else text
 
 
 def _exhibit(mistake: Mistake, made: dict[str, Any]) -> dict[str, Any]:
@@ -363,32 +364,33 @@ def _exhibit(mistake: Mistake, made: dict[str, Any]) -> dict[str, Any]:
         "name": mistake.name,
         "anchor": mistake.anchor,
         "seen": mistake.seen,
-        "title": both_said(mistake.title, sentence=True),
-        "cause": both_said(mistake.cause),
-        "wrong": both_said(mistake.wrong),
-        "right": both_said(mistake.right),
-        "step": both_said(mistake.step, sentence=True),
-        "question": both_said(mistake.look, sentence=True),
+        "title": both(mistake.title, sentence=True),
+        "cause": both(mistake.cause),
+        "wrong": both(mistake.wrong),
+        "right": both(mistake.right),
+        "step": both(mistake.step, sentence=True),
+        "question": both(mistake.look, sentence=True),
         "seen_in": _seen_in(mistake),
         "scene": made["scene"],
         "hidden": made["hidden"],
         "elsewhere": made["scene"] != SCENES[0],
-        "counts": both_said("At N = {n}, {m} rays a pixel", n=made["n"], m=made["m"])
+        "counts": both("At N = {n}, {m} rays a pixel", n=made["n"], m=made["m"])
         if made["m"] > 1
-        else both_said("At N = {n}", n=made["n"]),
+        else both("At N = {n}", n=made["n"]),
         "picture": made["picture"],
         "thumbnail": made["thumbnail"],
         "alt": _alt(mistake, shown),
         "cells": shown["cells"],
         "forms": forms,
+        "forms_title": both("Its {count} forms, each measured", count=len(forms)),
     }
 
 
 def _seen_in(mistake: Mistake) -> Markup | None:
     if mistake.usual:
-        return both_said("in most of {of} students’ programs", of=STUDENTS)
+        return both("in most of {of} students’ programs", of=STUDENTS)
     if mistake.seen:
-        return both_said("in {count} of {of} students’ programs", count=mistake.seen, of=STUDENTS)
+        return both("in {count} of {of} students’ programs", count=mistake.seen, of=STUDENTS)
     return None
 
 
@@ -398,15 +400,17 @@ def _cells(form: dict[str, Any]) -> list[Markup]:
     noise = form["effective_samples"]
     return [
         *parts,
-        both_said("{value:.0f} of 255", value=255 * form["shadow"]),
-        both_said("none") if noise is None else both_said("{n:.2g}", n=max(noise, 0.1)),
+        both("{value:.0f} of 255", value=255 * form["shadow"]),
+        both("none") if noise is None else both("{n:.2g}", n=max(noise, 0.1)),
     ]
 
 
 def times(ratio: float | None) -> Markup:
     if ratio is None:
         return Markup("–")
-    return both_said("× {ratio:.2f}" if 0.1 <= ratio < 10 else "× {ratio:.2g}", ratio=ratio)
+    if 0.1 <= ratio < 10:
+        return both("× {ratio:.2f}", ratio=ratio)
+    return both("× {ratio:.2g}", ratio=ratio)
 
 
 def _alt(mistake: Mistake, form: dict[str, Any]) -> dict[str, str]:
@@ -431,4 +435,8 @@ def _alt(mistake: Mistake, form: dict[str, Any]) -> dict[str, str]:
 
 
 def _alt_of_right(name: str) -> dict[str, str]:
-    return in_each("The right picture of the scene {scene}", scene=name)
+    said = {}
+    for chosen in LANGUAGES:
+        with speaking(chosen):
+            said[chosen] = say("The right picture of the scene {scene}", scene=name)
+    return said

@@ -18,6 +18,7 @@ from markupsafe import Markup
 from penumbra.compare.run.output import write_whole
 from penumbra.compare.run.provenance import VERSION
 from penumbra.course.drop import drop
+from penumbra.course.handout import handouts
 from penumbra.course.lesson import lesson
 from penumbra.course.museum import museum
 from penumbra.language import LANGUAGES, _, speaking
@@ -35,7 +36,12 @@ class Part:
     """makes from the build folder what its template finds under the part's name"""
 
 
-PARTS = (Part("lesson", lesson), Part("museum", museum), Part("drop", drop))
+PARTS = (
+    Part("lesson", lesson),
+    Part("museum", museum),
+    Part("drop", drop),
+    Part("handouts", handouts),
+)
 
 
 def write_page(build_dir: Path, out: Path) -> None:

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from penumbra.language import say
+
 PICTURES = (".png", ".jpg", ".jpeg")
 """What `penumbra png` writes"""
 ENDINGS = frozenset((
@@ -37,9 +39,9 @@ def named(*endings: str) -> Callable[[str], Path]:
         file = Path(text)
         ending = file.suffix.lower()
         if ending in ENDINGS and ending not in endings:
-            message = f'"{text}" does not end in {endings[0]}'
+            message = say('"{text}" does not end in {endings}', text=text, endings=endings[0])
             if endings == (".exr",) and ending in PICTURES:
-                message += f"; for a picture of it: penumbra png OUT.exr -o {text}"
+                message += say("; for a picture of it: penumbra png OUT.exr -o {text}", text=text)
             raise argparse.ArgumentTypeError(message)
         return file
 
@@ -58,7 +60,7 @@ def plain(parse: Callable[[str], Path]) -> Callable[[str], Path]:
         file = parse(text)
         if file.exists() and not file.is_file() and not file.is_dir():
             raise argparse.ArgumentTypeError(
-                f'"{text}" is a device or a pipe, and files are written beside it'
+                say('"{text}" is a device or a pipe, and files are written beside it', text=text)
             )
         return file
 

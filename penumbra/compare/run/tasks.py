@@ -196,7 +196,7 @@ def versions_here() -> dict[str, str]:
 @cache
 def _versions_here() -> dict[str, str]:
     folder = Path(penumbra.__file__).parent
-    sources = sorted(folder.rglob("*.py"))
+    sources = sorted([*folder.rglob("*.py"), *folder.glob("locale/*/*/*.mo")])
     found = {"python": platform.python_version(), "penumbra": VERSION}
     found["penumbra's files"] = file_hash(*sources)[:12]
     found["C libraries"] = _libraries_hash()

@@ -212,8 +212,13 @@ class LiveFigure {
     reset.addEventListener("click", () => this.reset());
     (this.panel.querySelector(".buttons") || this.panel.appendChild(element("div", { class: "buttons" }))).append(reset);
     this.stage.after(this.panel, this.error, this.status);
-    if (this.aside) this.stage.before(this.aside);
+    if (this.aside) {
+      this.stage.before(this.aside);
+      figure.classList.add("with-aside");
+      figure.classList.toggle("with-sketch", this.aside.querySelector(".sketch") !== null);
+    }
     figure.classList.add("ready");
+    document.documentElement.classList.add("live");
     this.refresh();
   }
 
@@ -293,7 +298,7 @@ class LiveFigure {
       return { cell, title, holder, canvas, readouts };
     });
     this.stage.replaceChildren(...this.shown.map(({ cell }) => cell));
-    this.stage.dataset.panes = panes.length;
+    this.figure.dataset.panes = panes.length;
   }
 
   #said(shown) {

@@ -2,7 +2,8 @@
    the filter. Nothing is rendered while it cannot be seen, or nothing has changed. */
 
 {
-  const SIZE = { width: 300, height: 200 }, VISIBLE_SAMPLES = 64, FEWEST_PIXELS = 80, MOST_EFFECTIVE = 1600;
+  const SIZE = { width: 300, height: 200 }, VISIBLE_SAMPLES = 64, FEWEST_PIXELS = 80;
+  const MOST_SAMPLES = 64; // of a pixel: more are slow on a phone, and no mistake needs them
   const RESTS = 200; // [ms] without a change, then the picture is measured
   const { scenes, exhibits } = JSON.parse(document.getElementById("museum-data").textContent);
   const museum = document.getElementById("museum");
@@ -108,6 +109,7 @@
     fill(part("form"), exhibit.forms.map(([, name], i) => [i, codes[i] || name]), exhibit.chosen);
     part("form-label").hidden = exhibit.forms.length < 2;
     part("scene").value = exhibit.scene;
+    part("n").max = Math.log2(MOST_SAMPLES / exhibit.m);
     part("n").value = Math.log2(exhibit.n);
     part("mistake").checked = true;
     part("half").checked = false;

@@ -120,13 +120,16 @@ function rows_of(wasm, scene, settings, first, step, milliseconds, fill) {
 }
 
 /* In how many of these pixels the ray through the centre meets a surface; remembered, since a
- * light that moves does not change it. */
-let counted = { of: "", pixels: 0 };
+ * light that moves does not change it, and a worker gets now these rows and now the others. */
+const counted = new Map();
 function surface_pixels(wasm, scene, ...where) {
   const { camera, spheres, planes, ray_max_distance } = scene;
   const of = JSON.stringify([camera, spheres, planes, ray_max_distance, where]);
-  if (of !== counted.of) counted = { of, pixels: wasm.scene_surface_pixels(...where) };
-  return counted.pixels;
+  if (!counted.has(of)) {
+    if (counted.size >= 64) counted.clear();
+    counted.set(of, wasm.scene_surface_pixels(...where));
+  }
+  return counted.get(of);
 }
 
 /* ---- a scene file's numbers, checked ---- */
