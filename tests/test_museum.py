@@ -38,7 +38,7 @@ SHARP = 0.04
 STEEP, EDGE = ("loop_left_early", "one_hidden_hides_all", "divided_by_visible_count"), 0.08
 """The same of what changes most where the penumbra ends"""
 ROUGH = 0.9
-"""Share from which a place on a ball is lit: the light without shadows has noise at its terminator"""
+"""Share from which a place on a ball is lit: without shadows, light has noise at its terminator"""
 HALF_SEEN = 1 - 0.5 ** (1 / 64)
 """A share of the light that 64 samples tell from none in one of two cases"""
 WCAG = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
