@@ -18,7 +18,8 @@ STRESS = int(os.environ.get("PENUMBRA_STRESS", "1"))
 """How many times its usual number of cases a test of many runs; `make stress` sets it."""
 ROOT = Path(__file__).resolve().parent.parent
 
-for variable in ("LANGUAGE", "LC_ALL", "LC_MESSAGES"):  # what is said depends on no developer's
+# what is said depends on no developer's
+for variable in ("LANGUAGE", "LC_ALL", "LC_MESSAGES", "PENUMBRA_COURSE"):
     os.environ.pop(variable, None)
 os.environ["LANG"] = "C.UTF-8"
 

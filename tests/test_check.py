@@ -104,8 +104,10 @@ def test_bad_input_ends_with_2(
 def test_readme_shows_what_check_says(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """But for the numbers' last digits, which another processor may round otherwise."""
+    """But for the numbers' last digits, which another processor may round otherwise; of a checkout
+    in which no course is made."""
     monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("penumbra.cli.check.MADE", ROOT / "build" / "no course")
     block = re.search(r"```console\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block
     shown = re.split(r"^\$ \.venv/bin/penumbra (.*)$", block.group(1), flags=re.MULTILINE)[1:]
