@@ -16,7 +16,8 @@ from penumbra.compare.run.provenance import ROOT
 from penumbra.language import _, speaking
 
 TEMPLATES = Path(__file__).resolve().parent / "template" / "check"
-SCRIPTS = ("numbers", "picture", "grid", "view", "prediction", "diagnosis", "verdict", "check")
+SCRIPTS = ("numbers", "picture", "grid", "view", "prediction", "diagnosis", "light", "verdict",
+           "check")  # fmt: skip
 """What the check's worker runs, in this order, after the catalogue"""
 SCENES = ("tp3", "tp3_statement")
 PARAMETERS = {"domain": "a, b", "scale": "n, area, norms", "average": "n, i", "colour": "c"}

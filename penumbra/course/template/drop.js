@@ -159,6 +159,7 @@ function countsInName(name) {
         said.push([off, text]);
       }
     }
+    if (found.beside > 0.05) said.push([2, word("free_light", { outside: found.beside })]);
     const { lightSamples: n, effectiveSamples: effective } = found;
     if (effective < 0.7 * n && n > 1)
       said.push([1, word("noise_of", { n, effective: Math.max(effective, 1) })]);
@@ -393,7 +394,7 @@ function countsInName(name) {
     if (!file) state.failed = () => say("Choose a picture first.");
     else if (!n.checkValidity() || !n.value) {
       state.failed = () =>
-        say("How many light samples has it? Its name does not say: type the number, and check it.");
+        say("How many light samples has it? Type a whole number from 1 to 4096, and check it.");
       n.focus();
     } else if (!m.checkValidity() || !m.value) {
       state.failed = () => say("How many samples has each pixel? Type a whole number, 1 or more.");

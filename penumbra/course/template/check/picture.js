@@ -41,6 +41,9 @@ function readScene(json) {
     ],
     light: {
       corner: quad.position,
+      u: quad.u,
+      v: quad.v,
+      normal: unit(cross(quad.u, quad.v)),
       area,
       norms: length(quad.u) * length(quad.v),
       radiance: quad.color.map((c) => c * quad.power),

@@ -7,6 +7,10 @@ const UNKNOWN = "unknown";
 const STRANGE = 0.3; // unexplained pixels per pixel of outline from which a picture shows another scene
 const DESPITE = 300; // gain from which a mistake is named even so
 const BLIND = 0.1; // a check that would miss a brightness off by so much says nothing
+const WELL = 0.4; // a free light explains a picture if it leaves so little of the misfit
+const POINTLIKE = 0.15; // its standard deviation, in edges, where it is a point
+const BESIDE = 0.1; // its share off the light where it is elsewhere
+const ELSEWHERE = "quad_parametrisation_wrong";
 const NEAR = 0.02; // brightness that no mistake explains, within which a picture may still be right
 const HOPELESS = 1e6; // odds against from which another explanation is not worth a word
 const SURE = 0.9; // a picture of which less is sure is not called right
@@ -64,17 +68,17 @@ function verdictOf(diagnosis, miss) {
   };
 }
 
-/* verdict, sure names, perhaps, several. A free light is not fitted here: where `penumbra check`
-   says where the light seems to be, this says "unknown" or that it cannot tell. */
+/* verdict, sure names, perhaps, several; beside, the share of a free light that is not on the light. */
 function decide(diagnosis, strange, brightness) {
   const { view, best, right, sure } = diagnosis;
   const top = best.variant;
   const names = mistakesOf(top);
-  const word = (verdict, mistakes = [], perhaps = [], several = false) => ({
+  const word = (verdict, mistakes = [], perhaps = [], several = false, beside = 0) => ({
     verdict,
     mistakes,
     perhaps,
     several,
+    beside,
   });
   const gain = best.score - right.score;
   const named = names.length > 0 && gain > ACCUSED;
@@ -87,6 +91,14 @@ function decide(diagnosis, strange, brightness) {
   if (strange && !(named && !unexplained && gain > DESPITE)) return word(CANNOT_TELL);
   if (largest(view.value) < BLACK) return word(WRONG, ["black"]);
   if (unexplained) {
+    if ((named || diagnosis.loose >= NEAR) && diagnosis.unexplained > 0) {
+      const light = freeLight(view);
+      // and not by being only a darker or brighter light
+      const dimmed = { ...RIGHT_VARIANT, factor: view.bestFactor(RIGHT_VARIANT) };
+      const well = WELL * Math.max(Math.min(misfitOf(view, top), misfitOf(view, dimmed)), 1e-9);
+      const name = light && light.misfit < Math.min(3, well) ? nameOfLight(light, view) : "";
+      if (name) return word(WRONG, [name], [], false, name === ELSEWHERE ? 1 - light.inside : 0);
+    }
     if (view.picture.jpeg === "coarse") return word(CANNOT_TELL);
     if (named && sure.length > 1) return word(WRONG, [...sure, UNKNOWN], rest, true);
     if (named) return word(WRONG, [UNKNOWN], names);
@@ -102,6 +114,27 @@ function decide(diagnosis, strange, brightness) {
   const { factor } = right.variant;
   if (factor !== 1 && !plausiblePower(view, factor)) return word(CANNOT_TELL);
   return word("right");
+}
+
+/* The name of the mistake that a free light shows, if it does. */
+function nameOfLight({ points, weights, inside }, view) {
+  const total = Math.max(sum(weights), 1e-9);
+  const mean = (of) => sum(weights.map((weight, k) => weight * of(points[k]))) / total;
+  const spread = [0, 1].map((axis) => {
+    const middle = mean((point) => point[axis]);
+    return Math.sqrt(mean((point) => square(point[axis] - middle)));
+  });
+  if (spread.every((width) => width < POINTLIKE)) return "light_point_fixed";
+  if (inside < 1 - BESIDE) return ELSEWHERE;
+  const noises = regionsOf(view, RIGHT_VARIANT)
+    .map((region) => region.noise)
+    .filter((noise) => noise > 0);
+  return noises.length && Math.max(...noises) < 0.3 ? "same_samples_everywhere" : "";
+}
+
+function misfitOf(view, variant) {
+  const { residual, residualVariance } = view.heldAgainst(variant);
+  return sum(residual.map((off, c) => Math.min(square(off) / residualVariance[c], 25))) / view.cells;
 }
 
 /* The scene's objects that are clearly not grey or white. */
