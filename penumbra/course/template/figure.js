@@ -386,7 +386,7 @@ function drawn(name, attributes, text = "") {
 /* Two logarithmic axes in an <svg>; x and y: [least, most] as powers of ten. */
 class LogPlot {
   constructor(svg, { x, y, xLabel, yLabel }) {
-    Object.assign(this, { svg, x, y, xLabel, yLabel, left: 92, right: 18, top: 14, bottom: 48, width: 480, height: 340 });
+    Object.assign(this, { svg, x, y, xLabel, yLabel, left: 92, right: 30, top: 14, bottom: 48, width: 480, height: 340 });
     svg.setAttribute("viewBox", `0 0 ${this.width} ${this.height}`);
   }
 
