@@ -93,7 +93,10 @@ def run(options: argparse.Namespace) -> int:
             command_program(options.renderer, options.image_suffix, options.timeout),
             options.budget,
             progress=lambda experiment, why: print(
-                f"{experiment}" + (f": {why}" if options.hint > 1 else ""), file=sys.stderr
+                say("{experiment}: {why}", experiment=experiment, why=why)
+                if options.hint > 1
+                else experiment,
+                file=sys.stderr,
             ),
         )
     else:
