@@ -101,18 +101,20 @@ def test_bad_input_ends_with_2(
     assert told in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("readme", "lang"), [("README.md", "en"), ("README.fr.md", "fr")])
 def test_readme_shows_what_check_says(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    readme: str, lang: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """But for the numbers' last digits, which another processor may round otherwise; of a checkout
     in which no course is made."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr("penumbra.cli.check.MADE", ROOT / "build" / "no course")
-    block = re.search(r"```console\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    monkeypatch.setenv("LANG", lang)
+    block = re.search(r"```console\n(.*?)```", (ROOT / readme).read_text(), re.DOTALL)
     assert block
     shown = re.split(r"^\$ \.venv/bin/penumbra (.*)$", block.group(1), flags=re.MULTILINE)[1:]
     assert len(shown) == 4
     for command, output in zip(shown[::2], shown[1::2], strict=True):
         main(shlex.split(command))
         said = capsys.readouterr().out
-        assert re.sub(r"[\d.]+", "#", said).split() == re.sub(r"[\d.]+", "#", output).split()
+        assert re.sub(r"[\d.,]+", "#", said).split() == re.sub(r"[\d.,]+", "#", output).split()
