@@ -348,9 +348,9 @@ def test_keyboard_alone_reaches_and_moves_every_control(opened: Callable[..., Pa
 
 
 @pytest.mark.parametrize("width", [320, 1280])
-def test_axe_finds_nothing_and_nothing_is_cut_off(width: int, opened: Callable[..., Page]) -> None:
-    """In both languages, answers open, and the colours in the dark scheme too; the page's own policy
-    would keep axe out."""
+def test_axe_finds_nothing_and_nothing_is_cut(width: int, opened: Callable[..., Page]) -> None:
+    """In both languages, answers open, and the colours in the dark scheme too; the page's own
+    policy would keep axe out."""
     tab = opened(width=width, bypass_csp=True)
     for step in STEPS:
         see(tab, step)
