@@ -134,6 +134,10 @@ def scene_of(name: str) -> dict[str, Any]:
     return copy.deepcopy(scene | changes)
 
 
+OPENING = (Strip("whole"),)
+"""The picture beside the title, which says nothing that the lesson does not"""
+
+
 def pictures() -> dict[str, tuple[str, tuple[Strip, ...]]]:
     """Of each step: the scene whose C++ lines stand below it, and the picture's strips from left to
     right."""
@@ -195,6 +199,7 @@ def lesson(build_dir: Path) -> dict[str, Any]:
             }
         )
     return {
+        "opening": data_uri(composed(renderer, OPENING)),
         "steps": steps,
         "said": texts,
         "scenes": {name: scene_of(name) for name in SCENES},
