@@ -67,6 +67,13 @@ def test_json_has_the_evidence(tmp_path: Path) -> None:
     assert abs(lit["ratio"] - 17 / 16) < 5 * lit["standard_error"] + 0.005
 
 
+def test_what_only_colours_show_is_sure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = picture(tmp_path, Variant(colour="flat_colour_missing"))
+    assert main(["check", file]) == 1
+    said = capsys.readouterr().out
+    assert "the flat colour is left out" in said and "(confidence above 99.9%)" in said
+
+
 def test_one_light_sample_is_not_said_to_prove_the_loop(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -137,7 +137,8 @@ def verdict(
     effective = effective_samples(lead, diagnosis)
     shown = {COLOURLESS} if coloured(lead) else set()
     hidden = tuple(n for n in diagnosis.hidden if n not in shown) if word == RIGHT_ else ()
-    sure_of_it = _confidence(diagnosis, word)
+    # of what colours show, the hypotheses, which are of brightness, know nothing
+    sure_of_it = 1.0 if names == (COLOURLESS,) else _confidence(diagnosis, word)
     if word == RIGHT_ and sure_of_it < SURE:
         word = CANNOT_TELL
     return Verdict(

@@ -41,7 +41,8 @@ function verdictOf(diagnosis, miss) {
   const [brightness, samples] = detectable(view, diagnosis.right.variant);
   const decided = decide(diagnosis, strange, brightness);
   const shown = coloured(view).length ? [COLOURLESS] : [];
-  const confidence = confidenceOf(diagnosis, decided.verdict);
+  // Of what colours show, the hypotheses, which are of brightness, know nothing.
+  const confidence = String(decided.mistakes) === COLOURLESS ? 1 : confidenceOf(diagnosis, decided.verdict);
   const hidden = decided.verdict === "right" ? diagnosis.hidden.filter((name) => !shown.includes(name)) : [];
   const facts = factsOf(diagnosis, miss, strange, decided.verdict);
   if (decided.verdict === "right" && confidence < SURE) decided.verdict = CANNOT_TELL;
