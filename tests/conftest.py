@@ -31,6 +31,19 @@ def built(product: str) -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def course_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The lesson's page, made once for all tests of a process."""
+    from penumbra.course.page import write_page
+
+    wanted = ("wasm/core.wasm", "wasm/mistakes.wasm", "bin/penumbra-render", "lib/libmistakes.so")
+    for product in wanted:
+        built(product)
+    page = tmp_path_factory.mktemp("course") / "index.html"
+    write_page(ROOT / "build", page)
+    return page
+
+
 def default_signals() -> None:
     """For preexec_fn of programs that are to be stopped: what runs in a shell's background
     (`make test &`) inherits that SIGINT is ignored."""

@@ -19,7 +19,7 @@ KNOWS = {
     )
     for shape in SHAPES
 }
-SOURCES = ("c_renderer/src", "penumbra", "bench", "scenes")
+SOURCES = ("c_renderer/src", "c_renderer/wasm", "penumbra", "bench", "scenes")
 
 
 def named() -> list[str]:
@@ -46,7 +46,7 @@ def test_no_other_file_names_a_shape() -> None:
         path
         for folder in SOURCES
         for path in (ROOT / folder).rglob("*")
-        if path.suffix in (".c", ".h", ".py", ".json") and not path.stem.startswith("tp3_")
+        if path.suffix in (".c", ".h", ".py", ".js", ".json") and not path.stem.startswith("tp3_")
     ]
     assert len(files) > 100
     light = re.compile(r"(triangle|disk|sphere)_?lights?\b", re.IGNORECASE)

@@ -56,7 +56,8 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     own = Path(cages.__file__).parent
     for name in ("__init__", "cage", "kernel", "warden"):
         shutil.copy(own / f"{name}.py", folder / "penumbra" / "grading")
-    shutil.copy(own.parent / "__init__.py", folder / "penumbra")
+    for name in ("__init__", "language"):
+        shutil.copy(own.parent / f"{name}.py", folder / "penumbra")
     shutil.copy(caged.__file__, folder)
     for path in (folder, *folder.rglob("*")):
         path.chmod(0o755)

@@ -26,10 +26,8 @@ from penumbra.course.lesson import (
     read_lesson,
     scene_of,
 )
-from penumbra.course.page import write_page
 from penumbra.language import LANGUAGES
 from tests import section
-from tests.conftest import ROOT, built
 
 LIMIT = 2_000_000  # bytes, of the lesson's page
 WCAG = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
@@ -54,22 +52,13 @@ SHOWN = """(figure) => [...document.querySelectorAll(`#${figure} canvas`)]
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    for product in ("wasm/core.wasm", "wasm/mistakes.wasm", "bin/penumbra-render"):
-        built(product)
-    page = tmp_path_factory.mktemp("course") / "index.html"
-    write_page(ROOT / "build", page)
-    return page
-
-
-@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with section.browser() as started:
         yield started
 
 
 @pytest.fixture
-def opened(file: Path, browser: Browser) -> Iterator[Callable[..., Page]]:
+def opened(course_page: Path, browser: Browser) -> Iterator[Callable[..., Page]]:
     """opened(language, width, ...) is a tab with the page; any complaint of the page, and any
     request for what is not in it, fails at the end."""
     complaints: list[str] = []
@@ -81,9 +70,9 @@ def opened(file: Path, browser: Browser) -> Iterator[Callable[..., Page]]:
         tab.set_default_timeout(PATIENCE)
         tab.on("console", lambda message: complaints.append(message.text))
         tab.on("pageerror", lambda error: complaints.append(str(error)))
-        own = ("data:", "blob:", file.as_uri())
+        own = ("data:", "blob:", course_page.as_uri())
         tab.on("request", lambda r: None if r.url.startswith(own) else complaints.append(r.url))
-        tab.goto(f"{file.as_uri()}?lang={language}")
+        tab.goto(f"{course_page.as_uri()}?lang={language}")
         return tab
 
     yield open_
@@ -155,9 +144,11 @@ def as_floats(cpp: str) -> str:
     return re.sub(r"-?\d+\.?\d*(?:e-?\d+)?f", lambda found: f"{float(found[0][:-1]):.9g}f", cpp)
 
 
-def test_page_is_one_small_file_without_network(file: Path, opened: Callable[..., Page]) -> None:
-    assert file.stat().st_size < LIMIT
-    html = file.read_text()
+def test_page_is_one_small_file_without_network(
+    course_page: Path, opened: Callable[..., Page]
+) -> None:
+    assert course_page.stat().st_size < LIMIT
+    html = course_page.read_text()
     assert not re.search(r"""(?:src|href)=["']?(?:https?:|//|\w+\.)""", html)
     tab = opened()
     see(tab, STEPS[0])

@@ -23,10 +23,9 @@ from penumbra.compare.check.explanation import exhibits
 from penumbra.compare.exact.image import exact_image
 from penumbra.compare.scene import Plane, read_scene
 from penumbra.course.museum import GROUPS, PARTS, _made, as_saved, group_of, picture
-from penumbra.course.page import write_page
 from penumbra.language import LANGUAGES
 from tests import section
-from tests.conftest import ROOT, built
+from tests.conftest import ROOT
 
 MISTAKES = tuple(catalogue().mistakes)
 LIMIT = 500_000
@@ -47,24 +46,15 @@ PIXELS = "() => document.getElementById('museum-canvas').toDataURL()"
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    for product in ("wasm/core.wasm", "wasm/mistakes.wasm", "lib/libmistakes.so"):
-        built(product)
-    page = tmp_path_factory.mktemp("course") / "index.html"
-    write_page(ROOT / "build", page)
-    return page
-
-
-@pytest.fixture(scope="module")
 def made() -> dict[str, Any]:
     """What was rendered and measured"""
     return _made(ROOT / "build" / "museum.json")
 
 
 @pytest.fixture(scope="module")
-def html(file: Path) -> str:
+def html(course_page: Path) -> str:
     """The museum's part of the page"""
-    (found,) = re.findall(r'<article id="museum"[\s\S]*?</article>', file.read_text())
+    (found,) = re.findall(r'<article id="museum"[\s\S]*?</article>', course_page.read_text())
     return str(found)
 
 
@@ -75,7 +65,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def opened(file: Path, browser: Browser) -> Iterator[Callable[..., Page]]:
+def opened(course_page: Path, browser: Browser) -> Iterator[Callable[..., Page]]:
     """opened(hash, language, width, ...) is a tab with the page; any complaint fails at the end."""
     complaints: list[str] = []
     contexts = []
@@ -86,7 +76,7 @@ def opened(file: Path, browser: Browser) -> Iterator[Callable[..., Page]]:
         tab.set_default_timeout(PATIENCE)
         tab.on("console", lambda message: complaints.append(message.text))
         tab.on("pageerror", lambda error: complaints.append(str(error)))
-        tab.goto(f"{file.as_uri()}?lang={language}{fragment}")
+        tab.goto(f"{course_page.as_uri()}?lang={language}{fragment}")
         return tab
 
     yield open_

@@ -31,7 +31,6 @@ from penumbra.compare.check.picture import counts_in_name
 from penumbra.compare.check.specimens import Specimen
 from penumbra.compare.check.words import WORDS
 from penumbra.course.drop import PARAMETERS, SCENES, catalogue_script, javascript
-from penumbra.course.page import write_page
 from tests import section
 from tests.conftest import ROOT, STRESS, built
 from tests.firefox import firefox
@@ -49,25 +48,16 @@ CHECK = """async ([content, name, options]) => {
 
 
 @pytest.fixture(scope="module")
-def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    for product in ("wasm/core.wasm", "wasm/mistakes.wasm", "lib/libmistakes.so"):
-        built(product)
-    file = tmp_path_factory.mktemp("course") / "index.html"
-    write_page(ROOT / "build", file)
-    return file
-
-
-@pytest.fixture(scope="module")
 def window() -> Iterator[Browser]:
     with section.browser() as started:
         yield started
 
 
 @pytest.fixture(scope="module")
-def tab(page_file: Path, window: Browser) -> Iterator[Page]:
+def tab(course_page: Path, window: Browser) -> Iterator[Page]:
     """The page in English, in which nothing complains and which asks for nothing."""
     heard: list[str] = []
-    page = opened(window, page_file, "en", 1100)
+    page = opened(window, course_page, "en", 1100)
     page.on("console", lambda message: heard.append(message.text))
     page.on("pageerror", lambda error: heard.append(str(error)))
     page.on("request", lambda request: heard.append(request.url))
@@ -78,10 +68,10 @@ def tab(page_file: Path, window: Browser) -> Iterator[Page]:
     assert outside == []
 
 
-def opened(window: Browser, page_file: Path, language: str, width: int) -> Page:
+def opened(window: Browser, course_page: Path, language: str, width: int) -> Page:
     page = window.new_page(viewport={"width": width, "height": 900})
     page.set_default_timeout(120_000)
-    page.goto(f"{page_file.as_uri()}?lang={language}#drop")
+    page.goto(f"{course_page.as_uri()}?lang={language}#drop")
     page.wait_for_selector("#drop-form:not([hidden])")
     return page
 
@@ -406,9 +396,9 @@ def test_verdict_follows_the_language(tab: Page, wrong: Path) -> None:
 
 @pytest.mark.parametrize(("language", "width"), [("en", 1100), ("fr", 320)])
 def test_axe_finds_nothing_in_any_state(
-    window: Browser, page_file: Path, right: Path, wrong: Path, language: str, width: int
+    window: Browser, course_page: Path, right: Path, wrong: Path, language: str, width: int
 ) -> None:
-    page = opened(window, page_file, language, width)
+    page = opened(window, course_page, language, width)
 
     def clean() -> None:
         found = Axe().run(page, context="#drop")
@@ -430,9 +420,9 @@ def test_axe_finds_nothing_in_any_state(
     page.close()
 
 
-def test_firefox_says_the_same(page_file: Path, wrong: Path, right: Path) -> None:
+def test_firefox_says_the_same(course_page: Path, wrong: Path, right: Path) -> None:
     with firefox() as tab:
-        tab.open(f"{page_file.as_uri()}?lang=en")
+        tab.open(f"{course_page.as_uri()}?lang=en")
         for file, n in ((wrong, 16), (right, 4)):
             content = base64.b64encode(file.read_bytes()).decode()
             given = json.dumps([content, file.name, {"lightSamples": n}])
@@ -444,9 +434,9 @@ def test_firefox_says_the_same(page_file: Path, wrong: Path, right: Path) -> Non
             assert found["gain"] == pytest.approx(gain, rel=1e-6, abs=1e-6)
 
 
-def test_page_without_scripts_says_what_to_do_instead(window: Browser, page_file: Path) -> None:
+def test_page_without_scripts_says_what_to_do_instead(window: Browser, course_page: Path) -> None:
     page = window.new_context(java_script_enabled=False).new_page()
-    page.goto(page_file.as_uri())
+    page.goto(course_page.as_uri())
     assert page.is_hidden("#drop-form")
     assert "penumbra check" in page.inner_text("#drop-without")
     page.close()
