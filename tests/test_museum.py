@@ -357,6 +357,7 @@ def test_the_keyboard_is_enough(opened: Callable[..., Page]) -> None:
     tab.focus("#museum-seen")
     tab.keyboard.press("Tab")
     tab.keyboard.press("Enter")
+    tab.locator(".exhibit[open] #museum-live").wait_for(state="attached")
     for stop in ("mistake", "half", "form", "n"):
         tab.keyboard.press("Tab")
         assert tab.evaluate("document.activeElement.id") == f"museum-{stop}"
