@@ -6,12 +6,13 @@ from __future__ import annotations
 import html
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from penumbra.report.build import TEMPLATES, Rendered, rendered, spoken
@@ -20,11 +21,8 @@ from penumbra.report.sections import SECTIONS, Section, inputs_of
 from penumbra.translation import found
 from tests.conftest import ROOT
 
-AXE = {
-    "runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"],
-    "resultTypes": ["violations"],
-}
-"""WCAG 2.2 AA"""
+WCAG = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa")
+"""What axe calls the rules of WCAG 2.2 AA"""
 WORDED = ("penumbra/report/", "penumbra/compare/studies/", "penumbra/compare/measure/", "bench/")
 """Where it stands what the report says"""
 INLINE = re.compile(r"</?(?:a|b|code|dfn|em|i|kbd|small|span|sub|sup)\b[^>]*>")
@@ -67,6 +65,16 @@ def rendered_section(name: str, build_dir: Path) -> Rendered | None:
     """None: left out."""
     shown = rendered([section(name)], data_of(name, build_dir))
     return shown[0] if shown else None
+
+
+def barriers(
+    page: Page, context: str | None = None, rules: Sequence[str] = WCAG
+) -> list[tuple[str, str]]:
+    """What axe finds, of the whole page or of a selector: the rule, and the first element that
+    breaks it. Where the page's own policy allows no script but its own, it must be bypassed."""
+    options = {"runOnly": list(rules), "resultTypes": ["violations"]}
+    found = Axe().run(page, context=context, options=options).response["violations"]
+    return [(rule["id"], rule["nodes"][0]["html"][:200]) for rule in found]
 
 
 @contextmanager

@@ -126,6 +126,7 @@ def test_page_is_whole_offline_and_fits_phone_and_desk(
     for width in (1280, 390):
         tab = opened(browser, folder / "page.html", width, complaints)
         assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        assert section.barriers(tab) == []
         headline = tab.inner_text("h1")
         assert WORDS[checked.verdict.verdict] in headline
         assert headline[0] == MARKS[checked.verdict.verdict]

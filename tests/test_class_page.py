@@ -383,6 +383,15 @@ def test_text_has_contrast_in_light_and_dark(scheme: Any, browser: Browser, fold
     assert complaints == []
 
 
+def test_axe_finds_nothing(browser: Browser, folder: Path) -> None:
+    context = browser.new_context(bypass_csp=True)
+    for name in ("index.html", "sheets.html"):
+        tab = opened(context, folder, [], name)
+        tab.eval_on_selector_all("details", "all => all.slice(0, 20).forEach(d => d.open = true)")
+        assert section.barriers(tab) == [], name
+    context.close()
+
+
 @pytest.mark.parametrize("width", WIDTHS)
 def test_pages_fit_phone_and_desk(
     width: int, browser: Browser, folder: Path, hostile: Path

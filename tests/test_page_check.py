@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from PIL import Image, PngImagePlugin
 from playwright.sync_api import Browser, Page
 
@@ -400,8 +399,7 @@ def test_axe_finds_nothing_in_any_state(
     page = opened(window, course_page, language, width)
 
     def clean() -> None:
-        found = Axe().run(page, context="#drop")
-        assert found.violations_count == 0, found.generate_report()
+        assert section.barriers(page, "#drop") == []
         assert page.evaluate("document.getElementById('drop').scrollWidth") <= width
 
     clean()
