@@ -130,10 +130,16 @@ def far(metres: float) -> dict[str, Any]:
 def scene_of(name: str) -> dict[str, Any]:
     """The JSON of a scene of SCENES."""
     file, changes = SCENES[name]
+    return copy.deepcopy(_scene(file) | changes)
+
+
+def _scene(file: str) -> dict[str, Any]:
     scene: dict[str, Any] = json.loads((ROOT / "scenes" / f"{file}.json").read_text())
-    return copy.deepcopy(scene | changes)
+    return scene
 
 
+CAMERAS = {"lab": "tp3", "handout": "tp3_statement"}
+"""Those that a figure offers beside its own, and the scenes that have them"""
 OPENING = (Strip("whole"),)
 """The picture beside the title, which says nothing that the lesson does not"""
 
@@ -203,6 +209,7 @@ def lesson(build_dir: Path) -> dict[str, Any]:
         "steps": steps,
         "said": texts,
         "scenes": {name: scene_of(name) for name in SCENES},
+        "cameras": {name: _scene(file)["camera"] for name, file in CAMERAS.items()},
         "size": SIZE,
     }
 

@@ -158,8 +158,10 @@ function error_picture(frame, exact) {
 
 const STEPS = {
   "hard-and-soft": () => {
-    const scene = ({ side, above }) =>
-      under(scene_like("whole"), light_of(side > 0 ? "quad" : "point", above, side));
+    const scene = ({ side, above, camera }) => {
+      const lit = under(scene_like("whole"), light_of(side > 0 ? "quad" : "point", above, side));
+      return { ...lit, camera: LESSON.cameras[camera] || lit.camera };
+    };
     return {
       controls: [
         range("side", () => say("Side of the light"), { min: 0, max: 8, step: 0.1, value: 2,
@@ -167,6 +169,9 @@ const STEPS = {
         range("above", () => say("Height over the floor"), { min: 5, max: 20, step: 0.25, value: ABOVE, shown: metres }),
         choice("method", () => say("Estimate"), [
           ["exact", () => say("without noise")], ["area", () => say("16 shadow rays")]]),
+        choice("camera", () => say("Camera"), [
+          ["whole", () => say("above the shadow")], ["lab", () => say("the lab’s")],
+          ["handout", () => say("the handout’s")]]),
       ],
       panes: (state) => [{ scene: scene(state), reference: null,
         settings: { estimator: state.method, nb_light_samples: 16 } }],
