@@ -190,6 +190,14 @@ def test_unwritable_output_ends_with_2(
     one_sentence(ran)
 
 
+def test_course_without_what_it_is_made_of_ends_with_3(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["course", "--build", str(tmp_path)]) == 3
+    assert "run `make course`" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_missing_program_ends_with_3_and_says_what_to_do(scene: Path, tmp_path: Path) -> None:
     command = "./not-there {scene} {light_samples} {seed} {out}"
     ran = penumbra("converge", scene, "-o", tmp_path / "x", "--renderer", command)

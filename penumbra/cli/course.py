@@ -8,6 +8,9 @@ from pathlib import Path
 from penumbra.cli.arguments import Subcommands, add_subcommand
 from penumbra.cli.exit import PASS
 
+MADE_OF = ("bin/penumbra-render", "lib/libmistakes.so", "wasm/core.wasm", "wasm/mistakes.wasm")
+"""In the build folder"""
+
 
 def add(subcommands: Subcommands) -> None:
     parser = add_subcommand(
@@ -27,9 +30,13 @@ def add(subcommands: Subcommands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from penumbra.compare.run.renderers import MissingProgramError
     from penumbra.course.handout import write_handouts
     from penumbra.course.page import write_page
 
+    for product in MADE_OF:
+        if not (options.build / product).is_file():
+            raise MissingProgramError(f"{options.build / product} is missing: run `make course`")
     out = options.out or options.build / "course"
     out.mkdir(parents=True, exist_ok=True)
     write_handouts(out)
