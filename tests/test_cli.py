@@ -20,6 +20,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from penumbra.__main__ import main
 from penumbra.cli import arguments as cli_arguments
 from penumbra.cli.exit import UsageError
 from penumbra.compare.exact.image import exact_image
