@@ -384,7 +384,7 @@ build/fuzz/bin/scene-reader: tests/fuzz/scene_reader.c c_renderer/src/io/scene_j
 
 PYTHON_FILES := penumbra bench tests
 
-## test : lint, then every test; installs a browser, clang and valgrind for them if missing
+## test : lint, then every test; installs browsers, clang and valgrind for them if missing
 .PHONY: test
 test: build/setup.test lint build wheel $(BENCH_PROGRAMS) $(foreach kind,asan tsan plain,build/$(kind)/bin/penumbra-render) \
     $(PLAIN_LIBRARIES) $(WASM) build/fuzz/bin/scene-reader
