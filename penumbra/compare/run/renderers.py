@@ -126,31 +126,22 @@ class CommandRenderer:
         try:
             words = tuple(shlex.split(self.command))
         except ValueError as error:
-            raise RendererError(
-                say(
-                    "{label}: {error}: {command}",
-                    label=self.label,
-                    error=error,
-                    command=self.command,
-                )
-            ) from error
+            raise self._unreadable(error) from error
         if not words:
             raise RendererError(say("{label}: the command is empty", label=self.label))
         return words
+
+    def _unreadable(self, error: ValueError) -> RendererError:
+        return RendererError(
+            say("{label}: {error}: {command}", label=self.label, error=error, command=self.command)
+        )
 
     @property
     def placeholders(self) -> frozenset[str]:
         try:
             fields = [field for word in self.words for field in string.Formatter().parse(word)]
         except ValueError as error:
-            raise RendererError(
-                say(
-                    "{label}: {error}: {command}",
-                    label=self.label,
-                    error=error,
-                    command=self.command,
-                )
-            ) from error
+            raise self._unreadable(error) from error
         names = []
         for _literal, name, spec, conversion in fields:
             if name is None:
