@@ -133,17 +133,21 @@ def write_exr(file: str | Path, image: Image) -> None:
         OpenEXR.File(header, channels).write(stream)
         write_whole(path, lambda part: part.write_bytes(stream.getbuffer()))
     except OSError as error:
-        raise ImageError(
-            say(
-                "{filename}: cannot be written: {strerror}",
-                filename=error.filename,
-                strerror=error.strerror,
-            )
-        ) from error
+        raise _unwritten(error) from error
     except RuntimeError as error:
         raise ImageError(
             say("{path}: cannot be written: {error}", path=path, error=error)
         ) from error
+
+
+def _unwritten(error: OSError) -> ImageError:
+    return ImageError(
+        say(
+            "{filename}: cannot be written: {strerror}",
+            filename=error.filename,
+            strerror=error.strerror,
+        )
+    )
 
 
 def write_display(file: str | Path, radiance: np.ndarray) -> None:
@@ -164,13 +168,7 @@ def write_display(file: str | Path, radiance: np.ndarray) -> None:
     try:
         write_whole(path, lambda part: picture.save(part, kind, quality=100, subsampling=0))
     except OSError as error:
-        raise ImageError(
-            say(
-                "{filename}: cannot be written: {strerror}",
-                filename=error.filename,
-                strerror=error.strerror,
-            )
-        ) from error
+        raise _unwritten(error) from error
 
 
 def _plane(values: np.ndarray, channel: int) -> np.ndarray:
