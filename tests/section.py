@@ -15,6 +15,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from penumbra.language import speaking
 from penumbra.report.build import TEMPLATES, Rendered, rendered, spoken
 from penumbra.report.inputs import Data, read_inputs
 from penumbra.report.sections import SECTIONS, Section, inputs_of
@@ -75,6 +76,15 @@ def barriers(
     options = {"runOnly": list(rules), "resultTypes": ["violations"]}
     found = Axe().run(page, context=context, options=options).response["violations"]
     return [(rule["id"], rule["nodes"][0]["html"][:200]) for rule in found]
+
+
+def assert_french(name: str, folder: Path) -> None:
+    """A section of the French page has no English left, and decimal commas."""
+    with speaking("fr"):
+        shown = rendered_section(name, folder)
+    assert shown is not None
+    assert english_left(shown.html) == []
+    assert len(re.findall(r"\d,\d", shown.html)) > 20
 
 
 @contextmanager
